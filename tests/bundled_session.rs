@@ -53,7 +53,7 @@ fn rigs_objects_and_phantoms_are_read() {
     for (name, _) in SESSIONS {
         let session = open(name);
         let find = |name: &str| session.attachment(name);
-        let rig = RigDocument::of_session(&find).unwrap();
+        let rig = RigDocument::from_session(&find).unwrap();
         let scene = rig.scene(&find).unwrap();
         let rig = rig.calibration;
         assert!(rig.environment.is_some() && rig.tracker.is_some() && rig.chart.is_some());

@@ -534,7 +534,11 @@ impl CalibrationControl for FakeCalibrator {
 }
 
 #[test]
-#[expect(clippy::cognitive_complexity, reason = "one client, step by step")]
+#[expect(
+    clippy::too_many_lines,
+    clippy::cognitive_complexity,
+    reason = "one client, step by step"
+)]
 fn calibration_requests_are_accepted_only_from_the_own_page() {
     let server = Server::start(None);
     let json = "Content-Type: application/json";

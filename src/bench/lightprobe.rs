@@ -19,7 +19,7 @@ use penumbra_lighting::{
     Bracket, EnvironmentEstimator, EnvironmentInput, EnvironmentSettings, Lighting,
 };
 use penumbra_picture::Picture;
-use penumbra_scene::lamps::MOST_LAMPS;
+use penumbra_scene::lamps::MAX_LAMPS;
 use room::{Room, Stills, View};
 use std::sync::Arc;
 use std::time::Instant;
@@ -51,7 +51,7 @@ pub(super) fn run(
     };
     let counts = [1, 2, 4, 8, 16, 32].into_iter();
     let mut cases: Vec<Case> = counts
-        .filter(|n| *n <= MOST_LAMPS)
+        .filter(|n| *n <= MAX_LAMPS)
         .map(|n| ball(n, 0))
         .collect();
     cases.push(Case {

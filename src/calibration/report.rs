@@ -215,7 +215,7 @@ mod tests {
             lines: vec!["1 < 2".to_owned()],
             findings: vec![(Grade::Usable, "few".to_owned())],
             hints: vec!["more".to_owned()],
-            page: String::new(),
+            report: String::new(),
             file: None,
         };
         page.verdict(&found);

@@ -13,14 +13,14 @@ use penumbra_rig_model::VERSION;
 
 /// Role of a camera in the rig.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Eye {
+pub enum CameraRole {
     /// The camera whose picture is augmented.
     Scene,
     /// The camera that records the light of the surroundings.
     Environment,
 }
 
-impl Eye {
+impl CameraRole {
     /// Returns the name in files and messages.
     #[must_use]
     pub const fn name(self) -> &'static str {
@@ -33,7 +33,7 @@ impl Eye {
 
 /// The inputs that a step needs.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Wants {
+pub struct StepInputs {
     /// Pictures of the scene camera.
     pub scene: bool,
     /// Pictures of the environment camera.
@@ -49,9 +49,9 @@ pub struct Wants {
 
 /// A decoded picture.
 #[derive(Clone, Copy, Debug)]
-pub struct ShownPicture<'a> {
+pub struct PictureInput<'a> {
     /// The camera that took it.
-    pub eye: Eye,
+    pub camera: CameraRole,
     /// The picture, encoded as the camera sent it.
     pub picture: &'a Picture,
     /// The driver's time stamp; the calibrated latency is not subtracted.
@@ -66,9 +66,9 @@ pub struct ShownPicture<'a> {
 
 /// One item given to a step.
 #[derive(Clone, Copy, Debug)]
-pub enum Shown<'a> {
+pub enum StepInput<'a> {
     /// A picture.
-    Picture(ShownPicture<'a>),
+    Picture(PictureInput<'a>),
     /// A reading of the tracker; its time of arrival is not corrected for latency.
     Pose(&'a PoseSample),
 }
@@ -83,9 +83,9 @@ pub struct Progress {
     /// What to do next: "tilt the board to the left"; empty when there is enough data.
     pub hint: String,
     /// Overlay points: what was found in the last picture, pixels.
-    pub marks: Vec<DVec2>,
+    pub overlay_points: Vec<DVec2>,
     /// The camera to whose picture the overlay points belong.
-    pub eye: Option<Eye>,
+    pub camera: Option<CameraRole>,
 }
 
 /// The result of a step.
@@ -100,7 +100,7 @@ pub struct Finished {
     /// Suggestions that would improve the result.
     pub hints: Vec<String>,
     /// The report: a complete HTML page without external resources.
-    pub page: String,
+    pub report: String,
     /// The calibration file, JSON; `None` if the calibration was refused.
     pub file: Option<String>,
 }
@@ -108,7 +108,7 @@ pub struct Finished {
 impl Finished {
     /// Returns the header of the calibration file that `step` writes.
     #[must_use]
-    pub fn header(&self, step: &str, made: &Made) -> Header {
+    pub fn header(&self, step: &str, made: &CalibrationProvenance) -> Header {
         Header {
             penumbra_calibration: VERSION,
             step: step.to_owned(),
@@ -126,7 +126,7 @@ impl Finished {
 
 /// Date, source and device of a calibration, for its file and report.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Made {
+pub struct CalibrationProvenance {
     /// UTC, ISO 8601.
     pub date: String,
     /// Name of the session, or "live".
@@ -143,14 +143,14 @@ pub trait Step: Send {
     fn name(&self) -> &'static str;
 
     /// Returns the inputs that it needs.
-    fn wants(&self) -> Wants;
+    fn inputs(&self) -> StepInputs;
 
     /// Processes one input.
-    fn look(&mut self, shown: &Shown);
+    fn observe(&mut self, shown: &StepInput);
 
     /// Returns its progress.
     fn progress(&self) -> Progress;
 
     /// Computes the result from all inputs so far.
-    fn finish(&mut self, made: &Made) -> Finished;
+    fn finish(&mut self, made: &CalibrationProvenance) -> Finished;
 }

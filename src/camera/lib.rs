@@ -15,8 +15,8 @@ mod rolling_shutter;
 pub mod vignetting;
 
 pub use environment_view::{EnvironmentView, FisheyeLens, MirrorSphere};
-pub use lens::{Lens, LensModel, MOST_PARAMETERS, Projection};
-pub use mirror::Ball;
+pub use lens::{Lens, LensModel, MAX_PARAMETERS, Projection};
+pub use mirror::SphereInCamera;
 pub use pinhole::PinholeCamera;
 pub use placed_view::{Parallax, PlacedView, ViewRay};
 pub use response::{Response, ResponseError, linear_from_srgb, srgb_from_linear};

@@ -170,7 +170,7 @@ fn bisect(mut low: f64, mut high: f64, below: impl Fn(f64) -> bool) -> f64 {
 
 /// A mirrored sphere in a camera's frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Ball {
+pub struct SphereInCamera {
     /// Centre in the camera's frame, metres.
     pub centre: DVec3,
     /// Radius, metres.
@@ -179,7 +179,7 @@ pub struct Ball {
     pub sigma: f64,
 }
 
-impl Ball {
+impl SphereInCamera {
     /// Radius of its picture near the optical axis, pixels.
     #[must_use]
     pub fn radius_in_pixels(&self, camera: &PinholeCamera) -> f64 {

@@ -125,13 +125,13 @@ impl PlacedView {
     /// deviation `sigma` (pixels). The margin at its rim is wide enough to exclude the background.
     /// `None` if too little of the sphere is left.
     #[must_use]
-    pub fn beside_rim(
+    pub fn within_rim(
         sphere: &MirrorSphere,
         (world_from_camera, camera): (RigidTransform, &PinholeCamera),
         sigma: f64,
         parallax: Option<Parallax>,
     ) -> Option<Self> {
-        let ball = crate::mirror::Ball {
+        let ball = crate::mirror::SphereInCamera {
             centre: world_from_camera
                 .inverse()
                 .transform_point(sphere.centre_in_world),
@@ -220,7 +220,7 @@ impl PlacedView {
 
     /// Centre and radius of the mirrored sphere, world, metres; `None` for a fisheye.
     #[must_use]
-    pub const fn ball(&self) -> Option<(DVec3, f64)> {
+    pub const fn sphere(&self) -> Option<(DVec3, f64)> {
         match &self.optics {
             Optics::Mirror { mirror, .. } => Some(mirror.ball()),
             Optics::Fisheye(_) => None,
@@ -232,7 +232,7 @@ impl PlacedView {
     /// the angle of incidence i. Near the rim a pixel covers a long, thin strip of directions.
     /// `None` for a fisheye, and where the sphere itself hides the direction.
     #[must_use]
-    pub fn stretch(&self, direction: DVec3) -> Option<f64> {
+    pub fn pixel_angle(&self, direction: DVec3) -> Option<f64> {
         let Optics::Mirror { camera, mirror } = &self.optics else {
             return None;
         };
@@ -338,7 +338,7 @@ mod tests {
     #[test]
     fn pixels_near_the_rim_cover_larger_angles() {
         let view = PlacedView::new(&sphere_view(), None, None).unwrap();
-        let (centre, _) = view.ball().unwrap();
+        let (centre, _) = view.sphere().unwrap();
         let middle = view
             .pixel((view.world_from_camera.translation - centre).normalize())
             .unwrap();
@@ -349,7 +349,7 @@ mod tests {
                 break;
             };
             let next = view.direction(at + DVec2::X * 0.01).unwrap();
-            let stretch = view.stretch(direction).unwrap();
+            let stretch = view.pixel_angle(direction).unwrap();
             let exact = direction.angle_between(next) / 0.01;
             // The formula neglects the rotation of the ray and the slant of the picture plane.
             assert!(

@@ -54,7 +54,7 @@ impl Vignetting {
 
 /// Default centre (the lens's axis, or the picture's centre) and radius (half a diagonal), pixels.
 #[must_use]
-pub fn frame((width, height): (u32, u32), centre: Option<DVec2>) -> (DVec2, f64) {
+pub fn default_frame((width, height): (u32, u32), centre: Option<DVec2>) -> (DVec2, f64) {
     let size = DVec2::new(f64::from(width), f64::from(height));
     (centre.unwrap_or(0.5 * (size - 1.0)), 0.5 * size.length())
 }

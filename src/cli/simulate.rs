@@ -4,7 +4,7 @@ use crate::cli::calibrate::progress_bar;
 use crate::cli::files::{JsonFile, claim};
 use anyhow::anyhow;
 use clap::{Args, Subcommand};
-use penumbra_calibration::simulation::{Rehearsal, RehearsalOptions};
+use penumbra_calibration::simulation::{SimulatedRig, SimulationOptions};
 use penumbra_rig::calibration_runner::record_simulation;
 use penumbra_rig::simulate::{SimulateOptions, SimulatedPlace, SimulatedSource, simulate};
 use penumbra_synthetic::Faults;
@@ -30,7 +30,7 @@ enum SimulatedDevice {
 #[derive(Debug, Args)]
 struct SessionArgs {
     #[command(flatten)]
-    rig: RehearsalOptions,
+    rig: SimulationOptions,
     /// The recording
     #[arg(long, value_name = "SESSION.mcap")]
     out: PathBuf,
@@ -114,7 +114,7 @@ fn session(args: SessionArgs) -> anyhow::Result<ExitCode> {
         std::fs::remove_file(&args.out)?;
     }
     let bar = progress_bar();
-    let simulation = Rehearsal::new(args.rig);
+    let simulation = SimulatedRig::new(args.rig);
     let report = |share: f64| bar.set_position((1000.0 * share) as u64);
     let ground_truth = record_simulation(&simulation, &args.out, report)?;
     bar.finish_and_clear();

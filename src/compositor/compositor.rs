@@ -1,7 +1,7 @@
 //! The compositor: what it keeps between frames, and the setters of scene, settings and bake.
 
 use super::cover::Cover;
-use super::exposure::choice::ExposureInForce;
+use super::exposure::choice::ActiveExposure;
 use super::exposure::stage::ExposureStage;
 use super::gpu::{Gpu, GpuError};
 use super::lens::{LensOutput, LensStage};
@@ -244,7 +244,7 @@ impl Compositor {
 
     /// The exposure of the last frame.
     #[must_use]
-    pub const fn exposure(&self) -> ExposureInForce {
+    pub const fn exposure(&self) -> ActiveExposure {
         self.exposure.active()
     }
 

@@ -50,7 +50,7 @@ pub struct FrameInput<'a> {
     pub lighting: Option<&'a Lighting>,
     /// Light that virtual objects reflect onto the real scene under `lighting`, if it is known.
     pub indirect_light: Option<&'a IndirectLight>,
-    /// Virtual lights; those after the first [`penumbra_scene::lamps::MOST_LAMPS`] are ignored.
+    /// Virtual lights; those after the first [`penumbra_scene::lamps::MAX_LAMPS`] are ignored.
     pub lamps: &'a [PlacedLamp],
     /// How real surfaces respond to them.
     pub lamp_response: LampResponse,

@@ -4,7 +4,7 @@
 
 use bytemuck::{Pod, Zeroable};
 use penumbra_lighting::light::{CompactSourceSpecular, MAX_COMPACT_SOURCES, MAX_LEVELS};
-use penumbra_scene::lamps::MOST_LAMPS;
+use penumbra_scene::lamps::MAX_LAMPS;
 
 /// Twin of WGSL `Frame`.
 #[repr(C)]
@@ -65,7 +65,7 @@ pub struct LampUniform {
 #[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
 pub struct LampsUniform {
     pub count: [u32; 4],
-    pub each: [LampUniform; MOST_LAMPS],
+    pub each: [LampUniform; MAX_LAMPS],
 }
 
 /// Twin of WGSL `CompactSource`.

@@ -8,10 +8,10 @@ use super::lamp_screens::LampScreens;
 use super::textures::format;
 use glam::{Mat4, Vec3};
 use penumbra_scene::PlacedLamp;
-use penumbra_scene::lamps::MOST_LAMPS;
+use penumbra_scene::lamps::MAX_LAMPS;
 
 /// Maximum number of views of all lamps.
-pub const MAX_VIEWS: usize = MAX_VIEWS_EACH * MOST_LAMPS;
+pub const MAX_VIEWS: usize = MAX_VIEWS_EACH * MAX_LAMPS;
 /// Maximum number of layers at full size; more layers share the memory of this number, 192 MB at
 /// 1024² texels.
 const FULL_LAYERS: usize = 48;
@@ -72,7 +72,7 @@ impl LampMaps {
         }
     }
 
-    /// Uploads the lamps of this frame, at most [`MOST_LAMPS`], and lists the maps that must be
+    /// Uploads the lamps of this frame, at most [`MAX_LAMPS`], and lists the maps that must be
     /// drawn. `casters` is the hull and its generation. Returns true if the texture of the maps was
     /// replaced and must be bound again.
     pub fn write(
@@ -84,7 +84,7 @@ impl LampMaps {
         size: u32,
     ) -> bool {
         self.draws.clear();
-        let lamps = &lamps[..lamps.len().min(MOST_LAMPS)];
+        let lamps = &lamps[..lamps.len().min(MAX_LAMPS)];
         let (casters, asked, known) = &mut self.known;
         if lamps == known.as_slice()
             && (lamps.is_empty() || (*casters, *asked) == (generation, size))
@@ -264,7 +264,7 @@ mod tests {
     fn many_layers_take_at_most_the_memory_of_eight_cubes() {
         let bytes =
             |layers: usize| layers as u64 * u64::from(size_of_layers(layers, 1024)).pow(2) * 4;
-        for layers in 1..=6 * MOST_LAMPS {
+        for layers in 1..=6 * MAX_LAMPS {
             assert!(bytes(layers) <= 192 << 20, "{layers}");
         }
         assert_eq!(size_of_layers(48, 1024), 1024);

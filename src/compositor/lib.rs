@@ -29,7 +29,7 @@
 //! | `lens`, [`exposure`], [`planes`], `reproject` | stages: groups of passes that run as one step |
 //! | `compositor`, `prepare`, `frame` | what outlives a frame; uploads; the passes in order |
 //! | [`readback`] | the finished picture in memory |
-//! | [`reference`] | the same picture computed on the CPU, for tests |
+//! | [`mod@reference`] | the same picture computed on the CPU, for tests |
 
 mod bindings;
 mod caster_hull;

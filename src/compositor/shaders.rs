@@ -4,7 +4,7 @@ use super::lamp_maps::MAX_VIEWS;
 use super::planes::options::SOURCES;
 use super::response_table::ENCODING;
 use penumbra_lighting::light::MAX_COMPACT_SOURCES;
-use penumbra_scene::lamps::MOST_LAMPS;
+use penumbra_scene::lamps::MAX_LAMPS;
 use std::borrow::Cow;
 
 const FRAME: &str = include_str!("shaders/lib/frame.wgsl");
@@ -224,7 +224,7 @@ fn join(parts: &[&str]) -> String {
         .join("\n")
         .replace("MAX_LIGHTS", &MAX_LIGHTS.to_string())
         .replace("MAX_LAMP_VIEWS", &MAX_VIEWS.to_string())
-        .replace("MAX_LAMPS", &MOST_LAMPS.to_string())
+        .replace("MAX_LAMPS", &MAX_LAMPS.to_string())
         .replace("MAX_COMPACT_SOURCES", &MAX_COMPACT_SOURCES.to_string())
         .replace("ENCODING_VECTORS", &(ENCODING / 4).to_string())
 }

@@ -206,7 +206,7 @@ pub enum Refresh {
 impl Refresh {
     /// Returns the number for `lights` dome lights.
     #[must_use]
-    pub fn of(self, lights: u32) -> u32 {
+    pub fn count(self, lights: u32) -> u32 {
         match self {
             Self::Count(n) => n.min(lights),
             Self::All => lights,

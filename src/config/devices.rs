@@ -180,7 +180,7 @@ impl TrackerUnits {
 
     /// Returns the unit of length `metres`; `None` if trackers do not support it.
     #[must_use]
-    pub fn of_metres(metres: f64) -> Option<Self> {
+    pub fn from_metres(metres: f64) -> Option<Self> {
         let same = |unit: &Self| (unit.metres() - metres).abs() < 1e-6;
         [Self::Inches, Self::Centimetres].into_iter().find(same)
     }
@@ -225,7 +225,7 @@ pub struct RecordingConfig {
     /// Folder of recordings that are started from the dashboard.
     pub folder: PathBuf,
     /// Maximum duration of a recording, nanoseconds; unlimited if `None`.
-    pub longest_nanos: Option<i64>,
+    pub max_duration_nanos: Option<i64>,
     /// Space to leave free on the disk, bytes.
     pub reserve_bytes: u64,
 }
@@ -234,7 +234,7 @@ impl Default for RecordingConfig {
     fn default() -> Self {
         Self {
             folder: PathBuf::from("recordings"),
-            longest_nanos: None,
+            max_duration_nanos: None,
             reserve_bytes: 1_000_000_000,
         }
     }
@@ -419,7 +419,7 @@ pub(super) fn recording(
 ) -> Result<()> {
     set(&mut out.folder, file.folder.map(|path| folder.join(path)));
     let seconds = within("recording.max_duration_s", file.max_duration_s, 1.0..=1e7)?;
-    out.longest_nanos = seconds.map(|seconds| (seconds * 1e9) as i64);
+    out.max_duration_nanos = seconds.map(|seconds| (seconds * 1e9) as i64);
     let reserve = within("recording.reserve_mb", file.reserve_mb, 0.0..=1e9)?;
     set(&mut out.reserve_bytes, reserve.map(|mb| (mb * 1e6) as u64));
     Ok(())

@@ -22,9 +22,9 @@ pub enum ExposureMode {
 /// Range of the manual exposure, stops; longer exposures amplify noise.
 pub const EXPOSURE_STOPS: RangeInclusive<f32> = -8.0..=3.0;
 /// Range of the minimum of the automatic exposure, stops.
-pub const DARKEST_STOPS: RangeInclusive<f32> = -8.0..=0.0;
+pub const MIN_EV_STOPS: RangeInclusive<f32> = -8.0..=0.0;
 /// Range of the maximum of the automatic exposure, stops.
-pub const BRIGHTEST_STOPS: RangeInclusive<f32> = 0.0..=3.0;
+pub const MAX_EV_STOPS: RangeInclusive<f32> = 0.0..=3.0;
 /// Range of the mean linear brightness below which a picture counts as dark.
 pub const EXPOSURE_KEYS: RangeInclusive<f32> = 0.0..=1.0;
 /// Range of the time constant of the automatic exposure, seconds.
@@ -123,9 +123,9 @@ pub(super) fn exposure(file: &ExposureFile, out: &mut ExposureConfig) -> Result<
     set(&mut out.mode, file.mode);
     set(&mut out.ev, number("ev", file.ev, EXPOSURE_STOPS)?);
     set(&mut out.highlights, file.highlights);
-    let darkest = number("min_ev", file.min_ev, DARKEST_STOPS)?;
+    let darkest = number("min_ev", file.min_ev, MIN_EV_STOPS)?;
     set(&mut out.min_ev, darkest);
-    let brightest = number("max_ev", file.max_ev, BRIGHTEST_STOPS)?;
+    let brightest = number("max_ev", file.max_ev, MAX_EV_STOPS)?;
     set(&mut out.max_ev, brightest);
     set(&mut out.key, number("key", file.key, EXPOSURE_KEYS)?);
     let seconds = number("adaptation_s", file.adaptation_s, ADAPTATION_SECONDS)?;

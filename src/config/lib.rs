@@ -25,8 +25,8 @@ pub use devices::{
 };
 pub use error::ConfigError;
 pub use exposure::{
-    ADAPTATION_SECONDS, BRIGHTEST_STOPS, DARKEST_STOPS, EXPOSURE_KEYS, EXPOSURE_STOPS,
-    ExposureChoice, ExposureConfig, ExposureMode,
+    ADAPTATION_SECONDS, EXPOSURE_KEYS, EXPOSURE_STOPS, ExposureChoice, ExposureConfig,
+    ExposureMode, MAX_EV_STOPS, MIN_EV_STOPS,
 };
 pub use penumbra_lighting::{Filtering, IrradianceMethod, LightPlacement};
 pub use penumbra_picture::{YuvEncoding, YuvMatrix, YuvRange};

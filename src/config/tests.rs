@@ -52,7 +52,7 @@ fn rig_toml_names_every_key() {
     assert!(config.output.freed.is_some());
     assert!(config.output.frames.is_some() && config.status.token.is_some());
     assert_eq!(config.calibration, Some(PathBuf::from("calibration")));
-    assert!(config.recording.longest_nanos.is_some());
+    assert!(config.recording.max_duration_nanos.is_some());
     assert_eq!(config.planes.cache, Some(PathBuf::from("bakes")));
     let CameraSource::System(scene) = &config.scene_camera.source else {
         panic!("{:?}", config.scene_camera);
@@ -436,9 +436,12 @@ fn reads_device_names_and_resolves_files_against_the_configurations_folder() {
     assert_eq!((tracker.protocol.as_str(), tracker.station), ("freed", 1));
     assert_eq!(config.calibration, Some(PathBuf::from("/rig/c")));
     assert_eq!(config.recording.folder, PathBuf::from("/rig/r"));
-    assert_eq!(config.recording.longest_nanos, Some(60_000_000_000));
-    assert_eq!(TrackerUnits::of_metres(0.0254), Some(TrackerUnits::Inches));
-    assert_eq!(TrackerUnits::of_metres(0.001), None);
+    assert_eq!(config.recording.max_duration_nanos, Some(60_000_000_000));
+    assert_eq!(
+        TrackerUnits::from_metres(0.0254),
+        Some(TrackerUnits::Inches)
+    );
+    assert_eq!(TrackerUnits::from_metres(0.001), None);
 }
 
 #[test]
@@ -463,8 +466,8 @@ fn command_line_accepts_the_words_of_the_configuration() {
     assert_eq!("1".parse(), Ok(Monitor::Index(1)));
     assert_eq!("HDMI-1".parse(), Ok(Monitor::Name("HDMI-1".into())));
     assert_eq!(SceneChoice::from_text("none"), SceneChoice::None);
-    assert_eq!(Refresh::Count(8).of(4), 4);
-    assert_eq!(Refresh::All.of(64), 64);
+    assert_eq!(Refresh::Count(8).count(4), 4);
+    assert_eq!(Refresh::All.count(64), 64);
 }
 
 #[test]

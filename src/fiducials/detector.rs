@@ -23,12 +23,12 @@ const DEFAULT_MAX_CANDIDATES: usize = 400;
 /// Maximum number of wrong bits where the tag is predicted: by chance, half of at least 16 bits
 /// would be wrong.
 const MAX_WRONG_BITS_PREDICTED: u32 = 3;
-/// Minimum [`TagSeen::margin`]; tags below it are taken for chance.
+/// Minimum [`TagObservation::margin`]; tags below it are taken for chance.
 const MIN_MARGIN: f32 = 0.25;
 
 /// A detected tag.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct TagSeen {
+pub struct TagObservation {
     /// Family.
     pub family: Family,
     /// Number in the family.
@@ -41,7 +41,7 @@ pub struct TagSeen {
     pub wrong_bits: u32,
 }
 
-impl TagSeen {
+impl TagObservation {
     /// Area within the outside of the border, pixels squared.
     #[must_use]
     pub fn area(&self) -> f64 {
@@ -60,7 +60,7 @@ pub struct Detector {
     walker: Walker,
     outline: Vec<DVec2>,
     quads: Vec<[DVec2; 4]>,
-    seen: Vec<TagSeen>,
+    seen: Vec<TagObservation>,
     max_candidates: usize,
     has_touching_corners: bool,
 }
@@ -86,7 +86,7 @@ impl Detector {
     /// Sets the maximum number of outlines that are decoded per picture, the largest first (400 by
     /// default).
     #[must_use]
-    pub const fn with_most_candidates(mut self, most: usize) -> Self {
+    pub const fn with_max_candidates(mut self, most: usize) -> Self {
         self.max_candidates = most;
         self
     }
@@ -101,7 +101,11 @@ impl Detector {
 
     /// Detects the tags in a picture, sorted by family and number. `camera` supplies the lens
     /// distortion, if known.
-    pub fn detect(&mut self, picture: &Picture, camera: Option<&PinholeCamera>) -> &[TagSeen] {
+    pub fn detect(
+        &mut self,
+        picture: &Picture,
+        camera: Option<&PinholeCamera>,
+    ) -> &[TagObservation] {
         let mut grey = std::mem::take(&mut self.grey);
         luma(picture, &mut grey);
         self.detect_grey(
@@ -122,7 +126,7 @@ impl Detector {
         width: usize,
         height: usize,
         camera: Option<&PinholeCamera>,
-    ) -> &[TagSeen] {
+    ) -> &[TagObservation] {
         self.seen.clear();
         if width.max(height) > 65_000 || codes.len() != width * height {
             return &self.seen;
@@ -161,12 +165,12 @@ impl Detector {
 /// tags; `None` if it is not there. `codes` are a grey picture of the given width and height, encoded
 /// with `response`.
 #[must_use]
-pub fn confirm(
+pub fn read_predicted(
     (codes, (width, height)): (&[u8], (usize, usize)),
     response: &Response,
     corners: [DVec2; 4],
     (family, id): (Family, u32),
-) -> Option<TagSeen> {
+) -> Option<TagObservation> {
     let grey = Grey {
         width,
         height,
@@ -178,7 +182,7 @@ pub fn confirm(
     }
     let (word, margin) = decode::bits(&grey, &from_square(1.0, &corners)?, family)?;
     let wrong_bits = family.wrong_bits(word, id)?;
-    (margin >= MIN_MARGIN && wrong_bits <= MAX_WRONG_BITS_PREDICTED).then_some(TagSeen {
+    (margin >= MIN_MARGIN && wrong_bits <= MAX_WRONG_BITS_PREDICTED).then_some(TagObservation {
         family,
         id,
         corners,
@@ -196,7 +200,7 @@ fn keep_largest(quads: &mut Vec<[DVec2; 4]>, most: usize) {
 }
 
 /// Refines the corners of a quadrilateral and reads the tag in it, if there is one.
-fn read(grey: &Grey, lens: Lens, corners: &[DVec2; 4], family: Family) -> Option<TagSeen> {
+fn read(grey: &Grey, lens: Lens, corners: &[DVec2; 4], family: Family) -> Option<TagObservation> {
     // Corners that cannot be refined (sides too short or too close to other edges) are used as
     // they are.
     let refined = refine(grey, lens, corners, family.modules()).filter(is_convex);
@@ -205,7 +209,7 @@ fn read(grey: &Grey, lens: Lens, corners: &[DVec2; 4], family: Family) -> Option
         (margin >= MIN_MARGIN).then_some((corners, word, margin))
     };
     let (found, word, margin) = refined.and_then(read).or_else(|| read(*corners))?;
-    Some(TagSeen {
+    Some(TagObservation {
         family,
         id: word.id,
         corners: std::array::from_fn(|i| found[(i + word.turns) % 4]),
@@ -216,13 +220,13 @@ fn read(grey: &Grey, lens: Lens, corners: &[DVec2; 4], family: Family) -> Option
 
 /// Keeps the clearest of several detections of one tag at one position. Detections of one number at
 /// different positions are kept: only the caller knows whether a tag exists more than once.
-fn keep_best(seen: &mut Vec<TagSeen>) {
+fn keep_best(seen: &mut Vec<TagObservation>) {
     seen.sort_unstable_by(|a, b| {
         (a.family, a.id)
             .cmp(&(b.family, b.id))
             .then(b.margin.total_cmp(&a.margin))
     });
-    let middle = |t: &TagSeen| t.corners.iter().sum::<DVec2>() / 4.0;
+    let middle = |t: &TagObservation| t.corners.iter().sum::<DVec2>() / 4.0;
     seen.dedup_by(|b, a| {
         let near = middle(a).distance(middle(b)) < 0.5 * a.area().sqrt();
         (a.family, a.id) == (b.family, b.id) && near

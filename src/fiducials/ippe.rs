@@ -53,7 +53,11 @@ pub(super) fn poses(
 /// (pixels), each refined to the minimum reprojection error. The better one comes first; the other
 /// is included only if it fits nearly as well.
 #[must_use]
-pub fn both_poses(camera: &PinholeCamera, corners: &[DVec2; 4], size: f64) -> Vec<RigidTransform> {
+pub fn candidate_poses(
+    camera: &PinholeCamera,
+    corners: &[DVec2; 4],
+    size: f64,
+) -> Vec<RigidTransform> {
     let points = super::pose::square(0.5 * size);
     let matches: [_; 4] = std::array::from_fn(|i| Match {
         point: points[i],

@@ -24,12 +24,12 @@ mod quad;
 mod registrar;
 mod threshold;
 
-pub use detector::{Detector, TagSeen, confirm};
+pub use detector::{Detector, TagObservation, read_predicted};
 pub use family::{Family, UnknownFamily};
-pub use ippe::{both_poses, nearest_pose};
+pub use ippe::{candidate_poses, nearest_pose};
 pub use map::{DuplicateTag, Tag, TagMap};
 pub use pose::{Match, PoseEstimate, refine};
-pub use registrar::{Expectation, Registered, Registrar, Registration};
+pub use registrar::{PosePrior, RegisteredPose, Registrar, RegistrationMethod};
 
 #[cfg(any(test, feature = "synthetic"))]
 pub mod synthetic;

@@ -1,6 +1,6 @@
 //! Maps of tags at fixed relative poses.
 
-use crate::detector::TagSeen;
+use crate::detector::TagObservation;
 use crate::family::Family;
 use crate::pose::{Match, square};
 use glam::DVec3;
@@ -85,10 +85,10 @@ impl TagMap {
 
     /// Fills `out` with the corners of the map's tags in `seen`. Tags of one number that are seen
     /// twice are left out, because at most one of them can be the map's.
-    pub(super) fn matches(&self, seen: &[TagSeen], out: &mut Vec<Match>) {
+    pub(super) fn matches(&self, seen: &[TagObservation], out: &mut Vec<Match>) {
         out.clear();
         for tag in seen {
-            let same = |t: &&TagSeen| (t.family, t.id) == (tag.family, tag.id);
+            let same = |t: &&TagObservation| (t.family, t.id) == (tag.family, tag.id);
             if seen.iter().filter(same).count() > 1 {
                 continue;
             }

@@ -33,7 +33,7 @@ pub struct PoseEstimate {
     /// Root mean square reprojection error, pixels.
     pub rms: f64,
     /// Maximum reprojection error, pixels.
-    pub worst: f64,
+    pub max_error: f64,
 }
 
 impl PoseEstimate {
@@ -198,7 +198,7 @@ fn estimate(
         camera_from_frame: pose,
         covariance,
         rms: (sum / matches.len() as f64).sqrt(),
-        worst,
+        max_error: worst,
     })
 }
 

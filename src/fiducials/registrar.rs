@@ -1,6 +1,6 @@
 //! Estimates the scene camera's pose from the tags of a map, from picture to picture.
 
-use crate::detector::TagSeen;
+use crate::detector::TagObservation;
 use crate::ippe::{AMBIGUITY_RATIO, MIN_RMS, poses};
 use crate::map::TagMap;
 use crate::pose::{Match, PoseEstimate, refine};
@@ -22,7 +22,7 @@ const MAX_RMS_INCREASE: f64 = 0.1;
 
 /// How a pose from tags was found.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Registration {
+pub enum RegistrationMethod {
     /// By several tags of the map.
     Map {
         /// Number of tags.
@@ -32,7 +32,7 @@ pub enum Registration {
     Tag,
     /// By one tag whose corners are consistent with two poses: the one closer to the previous pose
     /// or to the tracker's.
-    TagByMemory,
+    TagByPreviousPose,
     /// By one tag whose corners are consistent with two poses, without any other information: the
     /// pose may be wrong.
     TagGuessed,
@@ -40,18 +40,18 @@ pub enum Registration {
 
 /// The scene camera's pose in the map's frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Registered {
+pub struct RegisteredPose {
     /// `map_from_camera`.
     pub map_from_camera: RigidTransform,
     /// The estimate from the corners, with its covariance.
     pub estimate: PoseEstimate,
     /// How the pose was found.
-    pub how: Registration,
+    pub method: RegistrationMethod,
 }
 
 /// What is known before the tags are used.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Expectation {
+pub struct PosePrior {
     /// Approximate `map_from_camera`.
     pub pose: Option<RigidTransform>,
     /// The camera's motion by a tracker; `None` to estimate it from the previous pose.
@@ -66,7 +66,7 @@ pub struct Registrar {
     map: TagMap,
     matches: Vec<Match>,
     /// The tags as a global shutter would have shown them.
-    corrected: Vec<TagSeen>,
+    corrected: Vec<TagObservation>,
     last: Option<(MonotonicTime, RigidTransform)>,
 }
 
@@ -93,27 +93,27 @@ impl Registrar {
     pub fn register(
         &mut self,
         camera: &PinholeCamera,
-        seen: &[TagSeen],
+        seen: &[TagObservation],
         at: MonotonicTime,
-    ) -> Option<Registered> {
-        self.register_near(camera, seen, at, &Expectation::default())
+    ) -> Option<RegisteredPose> {
+        self.register_with(camera, seen, at, &PosePrior::default())
     }
 
     /// As [`Self::register`]; chooses the candidate closer to the expected pose if one tag is
     /// consistent with two. With a rolling shutter, the pose is that of the middle row.
-    pub fn register_near(
+    pub fn register_with(
         &mut self,
         camera: &PinholeCamera,
-        seen: &[TagSeen],
+        seen: &[TagObservation],
         at: MonotonicTime,
-        expected: &Expectation,
-    ) -> Option<Registered> {
+        expected: &PosePrior,
+    ) -> Option<RegisteredPose> {
         let pose = expected.pose.or_else(|| self.recent(at));
         let found = self.estimate(camera, seen, pose);
         let found = found.map(|f| self.rolling_corrected(camera, seen, at, expected, f));
         let found = found.filter(|f| f.estimate.rms < MAX_RMS)?;
         // A guess must not choose the next candidate, which would confirm it.
-        if found.how != Registration::TagGuessed {
+        if found.method != RegistrationMethod::TagGuessed {
             self.last = Some((at, found.map_from_camera));
         }
         Some(found)
@@ -122,9 +122,9 @@ impl Registrar {
     fn estimate(
         &mut self,
         camera: &PinholeCamera,
-        seen: &[TagSeen],
+        seen: &[TagObservation],
         expected: Option<RigidTransform>,
-    ) -> Option<Registered> {
+    ) -> Option<RegisteredPose> {
         let mut matches = std::mem::take(&mut self.matches);
         self.map.matches(seen, &mut matches);
         let found = self.solve(camera, seen, &matches, expected);
@@ -137,11 +137,11 @@ impl Registrar {
     fn rolling_corrected(
         &mut self,
         camera: &PinholeCamera,
-        seen: &[TagSeen],
+        seen: &[TagObservation],
         at: MonotonicTime,
-        expected: &Expectation,
-        first: Registered,
-    ) -> Registered {
+        expected: &PosePrior,
+        first: RegisteredPose,
+    ) -> RegisteredPose {
         let pose = expected.pose.or_else(|| self.recent(at));
         let mut found = first;
         for _ in 0..ROLLING_SHUTTER_PASSES {
@@ -165,10 +165,10 @@ impl Registrar {
     fn corrected(
         &self,
         camera: &PinholeCamera,
-        seen: &TagSeen,
+        seen: &TagObservation,
         motion: &RollingShutter,
-        found: &Registered,
-    ) -> TagSeen {
+        found: &RegisteredPose,
+    ) -> TagObservation {
         let mut corrected = *seen;
         let Some(tag) = self.map.get(seen.family, seen.id) else {
             return corrected;
@@ -185,8 +185,8 @@ impl Registrar {
     fn motion(
         &self,
         at: MonotonicTime,
-        expected: &Expectation,
-        found: &Registered,
+        expected: &PosePrior,
+        found: &RegisteredPose,
     ) -> Option<RollingShutter> {
         if expected.row_seconds == 0.0 || expected.motion.is_some() {
             return expected.motion;
@@ -194,7 +194,7 @@ impl Registrar {
         // A guess may have the wrong orientation and would look like a fast rotation.
         let (then, before) = self
             .last
-            .filter(|_| found.how != Registration::TagGuessed)?;
+            .filter(|_| found.method != RegistrationMethod::TagGuessed)?;
         let seconds = at.seconds_since(then);
         let now = &found.map_from_camera;
         let is_recent = (1e-3..MAX_MOTION_SECONDS).contains(&seconds);
@@ -204,26 +204,29 @@ impl Registrar {
     fn solve(
         &self,
         camera: &PinholeCamera,
-        seen: &[TagSeen],
+        seen: &[TagObservation],
         matches: &[Match],
         expected: Option<RigidTransform>,
-    ) -> Option<Registered> {
+    ) -> Option<RegisteredPose> {
         let tags = matches.len() / 4;
         let (best, second) = self.candidates(camera, seen, matches)?;
         let (estimate, how) = match second {
-            _ if tags > 1 => (best, Registration::Map { tags }),
+            _ if tags > 1 => (best, RegistrationMethod::Map { tags }),
             Some(second) if second.rms < AMBIGUITY_RATIO * best.rms.max(MIN_RMS) => {
                 match expected {
-                    Some(pose) => (nearer(best, second, pose), Registration::TagByMemory),
-                    None => (best, Registration::TagGuessed),
+                    Some(pose) => (
+                        nearer(best, second, pose),
+                        RegistrationMethod::TagByPreviousPose,
+                    ),
+                    None => (best, RegistrationMethod::TagGuessed),
                 }
             }
-            _ => (best, Registration::Tag),
+            _ => (best, RegistrationMethod::Tag),
         };
-        Some(Registered {
+        Some(RegisteredPose {
             map_from_camera: estimate.camera_from_frame.inverse(),
             estimate,
-            how,
+            method: how,
         })
     }
 
@@ -238,10 +241,10 @@ impl Registrar {
     fn candidates(
         &self,
         camera: &PinholeCamera,
-        seen: &[TagSeen],
+        seen: &[TagObservation],
         matches: &[Match],
     ) -> Option<(PoseEstimate, Option<PoseEstimate>)> {
-        let used = |t: &&TagSeen| matches.iter().any(|m| m.pixel == t.corners[0]);
+        let used = |t: &&TagObservation| matches.iter().any(|m| m.pixel == t.corners[0]);
         let largest = seen
             .iter()
             .filter(used)

@@ -35,18 +35,18 @@ fn paint(tag: &Tag, p: DVec2) -> Option<f64> {
 }
 
 /// Renders tags in front of a grey wall as grey codes, row by row, with Gaussian noise of `noise` codes.
-pub fn picture(
+pub fn render(
     camera: &PinholeCamera,
     camera_from_map: RigidTransform,
     tags: &[Tag],
     noise: f64,
 ) -> Vec<u8> {
     let map_from_camera = camera_from_map.inverse();
-    rolling_picture(camera, |_| map_from_camera, tags, noise)
+    render_rolling(camera, |_| map_from_camera, tags, noise)
 }
 
 /// As [`picture`], with a rolling shutter: `map_from_camera` is the pose when a row is read.
-pub fn rolling_picture(
+pub fn render_rolling(
     camera: &PinholeCamera,
     map_from_camera: impl Fn(f64) -> RigidTransform,
     tags: &[Tag],

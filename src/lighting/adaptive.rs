@@ -128,7 +128,7 @@ impl AdaptiveDome {
             direction: above_horizon(source.direction, self.ground),
             angular_radius: source.radius(),
             spread: self.spread(source.id),
-            taken: Vec::new(),
+            irradiance_in_faces: Vec::new(),
         })
     }
 

@@ -40,7 +40,7 @@ impl BrightestLight {
     /// When another light, well apart, becomes the brightest, both have the same S, so the
     /// dominance is 0 and the result is continuous.
     #[must_use]
-    pub fn of(lights: &[DomeLight]) -> Self {
+    pub fn from_lights(lights: &[DomeLight]) -> Self {
         let total: f32 = lights.iter().map(luminance).sum();
         let ambient = ambient_radiance(lights);
         let light_around = |d: Vec3| -> f32 {
@@ -164,7 +164,7 @@ impl BrightestFollower {
         seconds: f64,
     ) -> BrightestLight {
         if self.generation != Some(generation) {
-            self.wanted = BrightestLight::of(lights).vector();
+            self.wanted = BrightestLight::from_lights(lights).vector();
             if self.generation.is_none() {
                 self.vector = self.wanted;
             }
@@ -210,13 +210,13 @@ mod tests {
     }
 
     fn dominance(lights: &[DomeLight]) -> f32 {
-        BrightestLight::of(lights).dominance
+        BrightestLight::from_lights(lights).dominance
     }
 
     #[test]
     fn single_sun_has_full_dominance() {
         let to = Vec3::new(0.3, -0.5, 0.8).normalize();
-        let found = BrightestLight::of(&[lamp(to, 4.0)]);
+        let found = BrightestLight::from_lights(&[lamp(to, 4.0)]);
         assert!((found.dominance - 1.0).abs() < 1e-5, "{found:?}");
         assert!(found.direction.angle_between(to) < 1e-3);
     }
@@ -226,7 +226,7 @@ mod tests {
         assert!(dominance(&sky(3.0)) < 1e-4);
         assert_eq!(dominance(&[]), 0.0);
         assert_eq!(
-            BrightestLight::of(&[lamp(Vec3::Z, 0.0)]).vector(),
+            BrightestLight::from_lights(&[lamp(Vec3::Z, 0.0)]).vector(),
             Vec3::ZERO
         );
     }
@@ -237,7 +237,7 @@ mod tests {
         let to = Vec3::new(-0.6, 0.0, 0.8);
         let mut lights = sky(1.0);
         lights.push(lamp(to, 5.0));
-        let found = BrightestLight::of(&lights);
+        let found = BrightestLight::from_lights(&lights);
         assert!((found.dominance - 5.0 / 7.0).abs() < 0.01, "{found:?}");
         assert!(found.direction.angle_between(to) < 0.01);
     }
@@ -251,7 +251,7 @@ mod tests {
         assert!(dominance(&[at(-45.0, 2.0), at(45.0, 2.0)]) < 1e-4);
         // The second has half the light: 1 − ½ of 1½.
         assert!((dominance(&[at(-45.0, 2.0), at(45.0, 1.0)]) - 1.0 / 3.0).abs() < 0.01);
-        let pair = BrightestLight::of(&[at(10.0, 2.0), at(20.0, 2.0)]);
+        let pair = BrightestLight::from_lights(&[at(10.0, 2.0), at(20.0, 2.0)]);
         assert!(pair.dominance > 0.95, "{pair:?}");
         assert!(pair.direction.angle_between(at(15.0, 1.0).direction) < 0.02);
     }
@@ -265,7 +265,7 @@ mod tests {
                     lamp(Vec3::new(sin, 0.0, cos), share),
                     lamp(Vec3::new(-sin, 0.0, cos), 1.0 - share),
                 ];
-                BrightestLight::of(&lights).vector()
+                BrightestLight::from_lights(&lights).vector()
             };
             for k in 0..200 {
                 let (a, b) = (vector(k as f32 / 200.0), vector((k + 1) as f32 / 200.0));
@@ -305,7 +305,7 @@ mod tests {
                     ..lamp(Vec3::new(x, y, z), strength)
                 })
                 .collect();
-            let found = BrightestLight::of(&lights);
+            let found = BrightestLight::from_lights(&lights);
             prop_assert!(found.vector().is_finite());
             prop_assert!((0.0..=1.0).contains(&found.dominance));
             let unit = found.direction.length();

@@ -46,7 +46,7 @@ pub fn fisheye_circle(picture: &Picture) -> Option<Circle> {
 /// Finds the outline of a mirrored sphere that fills a large part of the picture: the circle with
 /// the most edges across it (Hough transform), refined along rays.
 #[must_use]
-pub fn ball_outline(picture: &Picture) -> Option<Circle> {
+pub fn sphere_outline(picture: &Picture) -> Option<Circle> {
     let scale = (picture.width.max(picture.height))
         .div_ceil(MAX_SEARCH_SIDE)
         .max(1);
@@ -368,11 +368,11 @@ mod tests {
                 150
             }
         });
-        let found = ball_outline(&picture).unwrap();
+        let found = sphere_outline(&picture).unwrap();
         assert!(
             found.centre.distance(centre) < 2.0 && (found.radius - 180.0).abs() < 2.0,
             "{found:?}"
         );
-        assert!(ball_outline(&rendered(64, 64, |_| 9)).is_none());
+        assert!(sphere_outline(&rendered(64, 64, |_| 9)).is_none());
     }
 }

@@ -105,7 +105,7 @@ fn describe(
 /// that `level` leaves out: for a specular colour or an F0 of 1, and the addition of an F90 of 1.
 /// Twin of `lib/compact_source_specular.wgsl`.
 #[must_use]
-pub fn mirrored(
+pub fn reflected(
     sources: &[CompactSourceSpecular],
     (family, parameter, level): (Family, f32, f32),
     n: Vec3,

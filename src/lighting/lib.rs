@@ -41,14 +41,14 @@ mod stages;
 mod tracking;
 
 pub use brightest::{BrightestFollower, BrightestLight};
-pub use circle::ball_outline;
+pub use circle::sphere_outline;
 pub use estimator::EnvironmentEstimator;
 pub use hdr::Bracket;
 pub use light::{CubeMap, DomeLight, Filtering, Harmonics, LightKind, Lighting};
 pub use probe::ProbeMap;
 pub use report::LightReport;
 pub use settings::{
-    BallSeen, ClippedEnergy, EnvironmentError, EnvironmentInput, EnvironmentSettings,
-    IrradianceMethod, LightPlacement,
+    ClippedEnergy, EnvironmentError, EnvironmentInput, EnvironmentSettings, IrradianceMethod,
+    LightPlacement, SpherePosition,
 };
 pub use stages::Stages;

@@ -45,7 +45,7 @@ pub enum Family {
 
 /// Maximum exponent of Phong's lobe: its highlight is then as wide as a texel of the unfiltered
 /// map.
-pub const LARGEST_EXPONENT: f32 = 10_000.0;
+pub const MAX_EXPONENT: f32 = 10_000.0;
 /// Doublings of exponent + 1 that the parameter 0..=1 spans.
 const EXPONENT_DOUBLINGS: f32 = 14.0;
 /// Minimum roughness of GGX; below it the surface is a mirror.
@@ -390,7 +390,7 @@ pub fn tilted(mirror: Vec3, n: Vec3, tilt: f32) -> Vec3 {
 mod tests {
     use super::*;
 
-    const EXPONENTS: [f32; 6] = [1.0, 5.0, 20.0, 100.0, 1000.0, LARGEST_EXPONENT];
+    const EXPONENTS: [f32; 6] = [1.0, 5.0, 20.0, 100.0, 1000.0, MAX_EXPONENT];
 
     #[test]
     fn phong_albedo_falls_at_grazing_angles() {

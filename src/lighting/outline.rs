@@ -14,8 +14,8 @@
 //! ```
 
 use glam::{DMat2, DVec2};
-use penumbra_camera::Ball;
 use penumbra_camera::PinholeCamera;
+use penumbra_camera::SphereInCamera;
 use penumbra_numerics::{median, tukey_weight};
 use penumbra_picture::Picture;
 
@@ -51,11 +51,15 @@ type Steps = [f32; POSITIONS];
 /// Returns the sphere at the position of its rim in the picture, with a smaller σ. If too little of
 /// the rim is visible, or its steps are inconsistent, the sphere is returned unchanged.
 #[must_use]
-pub fn refine(picture: &Picture, camera: &PinholeCamera, ball: &Ball) -> Ball {
+pub fn refine(picture: &Picture, camera: &PinholeCamera, ball: &SphereInCamera) -> SphereInCamera {
     try_refine(picture, camera, ball).unwrap_or(*ball)
 }
 
-fn try_refine(picture: &Picture, camera: &PinholeCamera, ball: &Ball) -> Option<Ball> {
+fn try_refine(
+    picture: &Picture,
+    camera: &PinholeCamera,
+    ball: &SphereInCamera,
+) -> Option<SphereInCamera> {
     if picture.rgba.len() < 4 * picture.width as usize * picture.height as usize {
         return None;
     }
@@ -69,14 +73,14 @@ fn try_refine(picture: &Picture, camera: &PinholeCamera, ball: &Ball) -> Option<
     }
     let pixel = camera.project(ball.centre)?;
     let moved = camera.unproject(pixel + shift) * ball.centre.length();
-    Some(Ball {
+    Some(SphereInCamera {
         centre: moved,
         sigma,
         ..*ball
     })
 }
 
-fn rims(picture: &Picture, camera: &PinholeCamera, ball: &Ball) -> Option<Vec<Rim>> {
+fn rims(picture: &Picture, camera: &PinholeCamera, ball: &SphereInCamera) -> Option<Vec<Rim>> {
     let distance = ball.centre.length();
     let sine = ball.radius / distance;
     if !(sine > 0.0 && sine < 0.9) {

@@ -1,6 +1,6 @@
 //! The environment view of a single photograph: through a fisheye lens, or of a mirrored sphere.
 
-use super::circle::{Circle, ball_outline, fisheye_circle};
+use super::circle::{Circle, fisheye_circle, sphere_outline};
 use glam::{DMat3, DQuat, DVec2, DVec3};
 use penumbra_camera::{EnvironmentView, FisheyeLens, MirrorSphere};
 use penumbra_camera::{PinholeCamera, Response};
@@ -145,7 +145,7 @@ impl PhotographCalibration {
             },
             (_, _, PhotographKind::Fisheye) => found.ok_or(PhotographError::NoCircle)?,
             (_, _, PhotographKind::Sphere) => {
-                ball_outline(picture).ok_or(PhotographError::NoCircle)?
+                sphere_outline(picture).ok_or(PhotographError::NoCircle)?
             }
         };
         if !(circle.radius.is_finite() && circle.radius >= 2.0) {

@@ -72,12 +72,12 @@ impl Prefilter {
     /// Adds the tables for Phong if `requested`; they are built at the first request.
     #[must_use]
     pub fn with_phong(mut self, requested: bool) -> Self {
-        self.want_phong(requested);
+        self.set_phong(requested);
         self
     }
 
     /// See [`Self::with_phong`].
-    pub fn want_phong(&mut self, requested: bool) {
+    pub fn set_phong(&mut self, requested: bool) {
         if !requested {
             self.phong.clear();
         } else if self.phong.is_empty() {
@@ -385,9 +385,9 @@ mod tests {
         let texels = vec![Vec3::ONE; 6 * 16 * 16];
         let mut prefilter = Prefilter::new(16);
         assert!(prefilter.apply(&texels).phong.is_empty());
-        prefilter.want_phong(true);
+        prefilter.set_phong(true);
         assert_eq!(prefilter.apply(&texels).phong.len(), 2);
-        prefilter.want_phong(false);
+        prefilter.set_phong(false);
         assert!(prefilter.apply(&texels).phong.is_empty());
     }
 }

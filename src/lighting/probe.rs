@@ -7,7 +7,7 @@ use penumbra_interface::MonotonicTime;
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ProbeMap {
     /// Middle of the exposure of the last picture that showed the sphere.
-    pub ball_seen_at: Option<MonotonicTime>,
+    pub sphere_seen_at: Option<MonotonicTime>,
     /// Displacement of the sphere by that picture's rim from the position by the pose, pixels;
     /// `None` if the rim was not searched.
     pub rim_shift: Option<f64>,
@@ -54,7 +54,7 @@ impl EnvironmentEstimator {
             }
         }
         Some(ProbeMap {
-            ball_seen_at: sphere.seen_at,
+            sphere_seen_at: sphere.seen_at,
             rim_shift: sphere.rim_shift,
             seen_at: memory.mean_seen_at(&grid.solid_angles),
             coverage: sum / (4.0 * std::f32::consts::PI),

@@ -123,7 +123,7 @@ impl LightReport {
     ) -> Result<Self, LightReportError> {
         let mut estimator = EnvironmentEstimator::new(view, response, settings, None)?;
         let lighting = estimator.update(input)?;
-        Self::of_estimator(&estimator, lighting, view, input.scene, input.gains)
+        Self::from_estimator(&estimator, lighting, view, input.scene, input.gains)
     }
 
     /// Reports the state of an estimator of `view` after its last update, which returned `lighting`
@@ -131,7 +131,7 @@ impl LightReport {
     ///
     /// # Errors
     /// The camera is inside the mirrored sphere, or `scene` is needed and missing.
-    pub fn of_estimator(
+    pub fn from_estimator(
         estimator: &EnvironmentEstimator,
         lighting: Arc<Lighting>,
         view: &EnvironmentView,

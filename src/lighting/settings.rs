@@ -173,7 +173,7 @@ pub enum EnvironmentError {
 
 /// Position of the mirrored sphere and its uncertainty.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct BallSeen {
+pub struct SpherePosition {
     /// Its centre, world, metres.
     pub centre_in_world: DVec3,
     /// Standard deviation of its position in the picture, along each axis, pixels.
@@ -197,10 +197,10 @@ pub struct EnvironmentInput<'a> {
     /// theirs at the start.
     pub hidden: Option<&'a Hidden<'a>>,
     /// Mean radiance of those phantoms in the scene camera's picture, scene camera units.
-    pub hider_radiance: Option<Vec3>,
+    pub occluder_radiance: Option<Vec3>,
     /// Position of a sphere in the scene camera's picture at this instant. If given, its rim is
     /// searched near it; else the calibrated position is used unchanged.
-    pub ball: Option<BallSeen>,
+    pub sphere_position: Option<SpherePosition>,
     /// Middle of the exposure.
     pub captured_at: MonotonicTime,
 }
@@ -216,8 +216,8 @@ impl<'a> EnvironmentInput<'a> {
             ground_radiance: None,
             measured_ground_irradiance: None,
             hidden: None,
-            hider_radiance: None,
-            ball: None,
+            occluder_radiance: None,
+            sphere_position: None,
             captured_at,
         }
     }

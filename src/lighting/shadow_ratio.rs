@@ -178,7 +178,7 @@ impl Ground<'_> {
         let eye = self.world_from_camera.translation;
         let ray = self.world_from_camera.rotation * self.camera.unproject(pixel);
         let t = (self.height - eye.z) / ray.z;
-        let (centre, _) = view.ball()?;
+        let (centre, _) = view.sphere()?;
         let near = t.is_finite() && t > 0.0 && t < 2.0 * centre.distance(eye);
         // A millimetre up, so that the ground does not occlude itself.
         let point = eye + ray * t + DVec3::Z * 1e-3;
@@ -187,7 +187,7 @@ impl Ground<'_> {
     }
 
     fn blocks(&self, view: &PlacedView, origin: DVec3, direction: DVec3) -> bool {
-        let ball = view.ball().is_some_and(|(centre, radius)| {
+        let ball = view.sphere().is_some_and(|(centre, radius)| {
             let to = centre - origin;
             let along = to.dot(direction);
             along > 0.0 && to.length_squared() - along * along < radius * radius

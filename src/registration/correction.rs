@@ -38,7 +38,7 @@ const MIN_CONSISTENT_OUTLIERS: u32 = 8;
 
 /// The camera's pose by the tracker.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Tracked {
+pub struct TrackerPose {
     /// `world_from_camera`.
     pub world_from_camera: RigidTransform,
     /// Standard deviations of the noise per axis: metres, radians. Systematic errors are estimated
@@ -48,15 +48,15 @@ pub struct Tracked {
 
 /// Assessment of a pose by markers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Verdict {
+pub enum MarkerAssessment {
     /// The picture shows no markers.
-    NothingSeen,
+    NoMarkers,
     /// The pose corrects the tracker.
-    Taken,
+    Accepted,
     /// The pose was rejected as an outlier.
     Rejected,
     /// The pose is consistent with the outliers before it and resets the correction.
-    Overruled,
+    Reset,
 }
 
 /// The filter's state.
@@ -142,19 +142,22 @@ impl Correction {
     }
 
     /// Returns the pose of a picture without markers.
-    pub fn unseen(&mut self, tracked: Tracked) -> (RigidTransform, Verdict) {
+    pub fn unseen(&mut self, tracked: TrackerPose) -> (RigidTransform, MarkerAssessment) {
         self.pose_covariance = self.covariance_with(tracked.noise);
-        (self.apply(tracked.world_from_camera), Verdict::NothingSeen)
+        (
+            self.apply(tracked.world_from_camera),
+            MarkerAssessment::NoMarkers,
+        )
     }
 
     /// Updates the correction with the pose by markers, and returns the best pose of this picture.
     /// The tracker's noise is independent between pictures, so it does not enter the correction.
     pub fn update(
         &mut self,
-        tracked: Tracked,
+        tracked: TrackerPose,
         seen: &PoseEstimate,
         seconds: f64,
-    ) -> (RigidTransform, Verdict) {
+    ) -> (RigidTransform, MarkerAssessment) {
         let expected = self.apply(tracked.world_from_camera);
         let by_markers = seen.camera_from_frame.inverse();
         let (r, t) = difference(&expected, &by_markers);
@@ -163,7 +166,7 @@ impl Correction {
         let prior = self.covariance_with(tracked.noise);
         self.pose_covariance = prior;
         let Some(weight) = inverse(&added(&prior, &markers)) else {
-            return (expected, Verdict::Rejected);
+            return (expected, MarkerAssessment::Rejected);
         };
         let weighted = multiplied(&weight, &innovation);
         let distance: f64 = innovation.iter().zip(weighted).map(|(a, b)| a * b).sum();
@@ -177,17 +180,17 @@ impl Correction {
         self.corrected_from_tracked = corrected * tracked.world_from_camera.inverse();
         self.pose_covariance = reduced(&prior, &weight);
         self.covariance = reduced(&self.covariance, &weight);
-        (moved_by(expected, &pose_step), Verdict::Taken)
+        (moved_by(expected, &pose_step), MarkerAssessment::Accepted)
     }
 
     /// Rejects an outlier. After enough successive consistent outliers, resets the filter instead.
     fn reject(
         &mut self,
-        tracked: Tracked,
+        tracked: TrackerPose,
         by_markers: RigidTransform,
         (markers, seconds): (&Matrix<6>, f64),
         expected: RigidTransform,
-    ) -> (RigidTransform, Verdict) {
+    ) -> (RigidTransform, MarkerAssessment) {
         let tracked = tracked.world_from_camera;
         let implied = by_markers * tracked.inverse();
         let is_consistent = self.outlier.is_some_and(|(before, _)| {
@@ -203,7 +206,7 @@ impl Correction {
         let count = consistent.map_or(1, |(_, n)| n + 1);
         if count < MIN_CONSISTENT_OUTLIERS {
             self.outlier = Some((implied, count));
-            return (expected, Verdict::Rejected);
+            return (expected, MarkerAssessment::Rejected);
         }
         *self = Self {
             corrected_from_tracked: implied,
@@ -212,7 +215,7 @@ impl Correction {
             outlier: None,
             speed: self.speed,
         };
-        (by_markers, Verdict::Overruled)
+        (by_markers, MarkerAssessment::Reset)
     }
 
     /// Covariance of a pose by markers, world axes.

@@ -3,7 +3,7 @@
 //!
 //! `correction` estimates the tracker's error with its uncertainty and rejects outlying marker poses.
 //! `rate_limit` moves the displayed pose towards the estimate slowly enough not to be noticed.
-//! [`Fusion`] runs both from picture to picture, and continues with one source where the other is
+//! [`HybridRegistration`] runs both from picture to picture, and continues with one source where the other is
 //! missing. `motion` holds the small motions that they share.
 
 mod correction;
@@ -11,7 +11,7 @@ mod motion;
 mod rate_limit;
 
 use correction::Correction;
-pub use correction::{Tracked, Verdict};
+pub use correction::{MarkerAssessment, TrackerPose};
 use glam::DVec3;
 use penumbra_camera::PinholeCamera;
 use penumbra_fiducials::PoseEstimate;
@@ -35,7 +35,7 @@ pub struct PoseSigma {
 
 /// The source of a pose.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Source {
+pub enum PoseOrigin {
     /// The tracker; no marker has corrected it yet.
     Tracker,
     /// The tracker, corrected by markers.
@@ -49,24 +49,24 @@ pub enum Source {
 
 /// The camera's pose by hybrid registration.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Fused {
+pub struct HybridPose {
     /// The pose to render with: `world_from_camera`.
     pub world_from_camera: RigidTransform,
     /// Its source.
-    pub source: Source,
+    pub source: PoseOrigin,
     /// Its standard deviations; `None` if the tracker has never been compared with markers.
     pub sigma: Option<PoseSigma>,
     /// Remaining distance from the displayed pose to the estimate, pixels at the typical distance.
-    pub behind: f64,
+    pub remaining_pixels: f64,
     /// Size of the correction: metres at the camera, radians.
     pub correction: Option<[f64; 2]>,
     /// Assessment of the picture's markers.
-    pub verdict: Verdict,
+    pub assessment: MarkerAssessment,
 }
 
 /// Registers a camera by tracker and markers, picture by picture. Does not allocate.
 #[derive(Clone, Debug)]
-pub struct Fusion {
+pub struct HybridRegistration {
     camera: PinholeCamera,
     /// Centre of the objects, world, metres. Errors in pixels refer to its distance.
     middle: DVec3,
@@ -79,7 +79,7 @@ pub struct Fusion {
     corrected_at: Option<MonotonicTime>,
 }
 
-impl Fusion {
+impl HybridRegistration {
     /// Creates the registration of `camera`. `middle`: centre of the objects, world, metres.
     #[must_use]
     pub const fn new(camera: PinholeCamera, middle: DVec3) -> Self {
@@ -97,18 +97,18 @@ impl Fusion {
     /// Predicts the camera's pose before the picture's markers are used: it resolves the ambiguity
     /// of a single marker.
     #[must_use]
-    pub fn expected(&self, tracked: Option<RigidTransform>) -> Option<RigidTransform> {
+    pub fn predicted(&self, tracked: Option<RigidTransform>) -> Option<RigidTransform> {
         Some(self.correction.apply(tracked?))
     }
 
     /// Estimates the pose of a picture taken at `at` from the tracker's pose and the pose by the
     /// picture's markers (`camera_from_world`). `None` if both are missing.
-    pub fn step(
+    pub fn register(
         &mut self,
         at: MonotonicTime,
-        tracked: Option<Tracked>,
+        tracked: Option<TrackerPose>,
         seen: Option<&PoseEstimate>,
-    ) -> Option<Fused> {
+    ) -> Option<HybridPose> {
         let before = self.last;
         let seconds = self.seconds_since_last(at);
         self.last = Some(at);
@@ -127,7 +127,10 @@ impl Fusion {
             Some(seen) => self.correction.update(tracked, seen, seconds),
             None => self.correction.unseen(tracked),
         };
-        if matches!(verdict, Verdict::Taken | Verdict::Overruled) {
+        if matches!(
+            verdict,
+            MarkerAssessment::Accepted | MarkerAssessment::Reset
+        ) {
             self.corrected_at = Some(at);
         }
         let distance = self.distance(&target);
@@ -136,7 +139,7 @@ impl Fusion {
         } else {
             0.0
         };
-        let accepted = seen.filter(|_| verdict != Verdict::Rejected);
+        let accepted = seen.filter(|_| verdict != MarkerAssessment::Rejected);
         let by_markers = accepted.map(|s| s.camera_from_frame.inverse());
         let displayed = self.displayed.approach(
             (&self.camera, distance),
@@ -145,21 +148,21 @@ impl Fusion {
             (seconds, motion),
         );
         let age = self.corrected_at.map(|then| at.seconds_since(then));
-        Some(Fused {
+        Some(HybridPose {
             world_from_camera: displayed,
-            source: age.map_or(Source::Tracker, |age| Source::Corrected { age }),
+            source: age.map_or(PoseOrigin::Tracker, |age| PoseOrigin::Corrected { age }),
             sigma: age.map(|_| {
                 let covariance = self.correction.pose_covariance();
                 sigma_of(&self.camera, &target, covariance, self.middle)
             }),
-            behind: apart_pixels(&self.camera, displayed, target, distance),
+            remaining_pixels: apart_pixels(&self.camera, displayed, target, distance),
             correction: age.map(|_| self.correction.size_at(tracked.world_from_camera)),
-            verdict,
+            assessment: verdict,
         })
     }
 
     /// Registers by markers alone.
-    fn by_markers(&mut self, seen: &PoseEstimate, seconds: f64) -> Option<Fused> {
+    fn by_markers(&mut self, seen: &PoseEstimate, seconds: f64) -> Option<HybridPose> {
         let target = seen.camera_from_frame.inverse();
         let distance = self.distance(&target);
         let displayed = self.displayed.approach(
@@ -169,13 +172,13 @@ impl Fusion {
             (seconds, 0.0),
         );
         let covariance = correction::in_world(&target, &seen.covariance);
-        Some(Fused {
+        Some(HybridPose {
             world_from_camera: displayed,
-            source: Source::Markers,
+            source: PoseOrigin::Markers,
             sigma: Some(sigma_of(&self.camera, &target, &covariance, self.middle)),
-            behind: apart_pixels(&self.camera, displayed, target, distance),
+            remaining_pixels: apart_pixels(&self.camera, displayed, target, distance),
             correction: None,
-            verdict: Verdict::Taken,
+            assessment: MarkerAssessment::Accepted,
         })
     }
 
@@ -214,7 +217,7 @@ fn sigma_of(
         camera_from_frame: world_from_camera.inverse(),
         covariance: correction::in_camera(world_from_camera, covariance),
         rms: 0.0,
-        worst: 0.0,
+        max_error: 0.0,
     };
     let (radians, metres) = estimate.sigmas();
     // For a point behind the camera: a point at the same distance in front.

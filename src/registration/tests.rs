@@ -48,8 +48,8 @@ fn distorted(pose: RigidTransform, seconds: f64, strength: f64) -> RigidTransfor
 
 const NOISE: [f64; 2] = [2e-4, 3e-4];
 
-fn tracked(pose: RigidTransform, random: &mut Random) -> Tracked {
-    Tracked {
+fn tracked(pose: RigidTransform, random: &mut Random) -> TrackerPose {
+    TrackerPose {
         world_from_camera: moved(
             pose,
             random.normal3() * NOISE[1],
@@ -117,7 +117,7 @@ fn run(
     outliers: f64,
 ) -> Errors {
     let mut random = Random::new(11);
-    let mut registration = Fusion::new(synthetic::camera(), MIDDLE);
+    let mut registration = HybridRegistration::new(synthetic::camera(), MIDDLE);
     let mut errors = Errors::default();
     let mut last: Option<([glam::DVec2; 8], RigidTransform)> = None;
     let frames = (seconds.end * RATE) as i64;
@@ -135,12 +135,12 @@ fn run(
             seen.camera_from_frame = wrong.inverse();
         }
         let at = MonotonicTime::from_nanos((t * 1e9) as i64);
-        let fused = registration.step(at, tracks.then_some(by_tracker), seen.as_ref());
+        let fused = registration.register(at, tracks.then_some(by_tracker), seen.as_ref());
         let Some(fused) = fused else {
             last = None;
             continue;
         };
-        errors.rejected += u32::from(fused.verdict == Verdict::Rejected);
+        errors.rejected += u32::from(fused.assessment == MarkerAssessment::Rejected);
         let off = corner_errors(fused.world_from_camera, pose);
         if t >= seconds.start {
             for e in off {
@@ -237,7 +237,7 @@ fn continues_with_one_source_while_the_other_is_missing() {
 #[test]
 fn consistent_outliers_reset_correction_without_a_jump() {
     let camera = synthetic::camera();
-    let mut registration = Fusion::new(camera.clone(), MIDDLE);
+    let mut registration = HybridRegistration::new(camera.clone(), MIDDLE);
     let mut random = Random::new(3);
     let pose = truth(3.5);
     let mut before: Option<RigidTransform> = None;
@@ -248,12 +248,12 @@ fn consistent_outliers_reset_correction_without_a_jump() {
         let bumped = moved(pose, DVec3::Z * knock, DVec3::X * knock);
         let seen = marked(pose, 0.1, &mut random).unwrap();
         let at = MonotonicTime::from_nanos(i64::from(k) * 33_333_333);
-        let clean = Tracked {
+        let clean = TrackerPose {
             world_from_camera: bumped,
             noise: [1e-5; 2],
         };
-        let fused = registration.step(at, Some(clean), Some(&seen)).unwrap();
-        overruled += u32::from(fused.verdict == Verdict::Overruled);
+        let fused = registration.register(at, Some(clean), Some(&seen)).unwrap();
+        overruled += u32::from(fused.assessment == MarkerAssessment::Reset);
         if let Some(before) = before
             && k != 100
         {
@@ -269,21 +269,21 @@ fn consistent_outliers_reset_correction_without_a_jump() {
 
 #[test]
 fn tracker_without_markers_is_uncorrected_and_has_no_standard_deviation() {
-    let mut registration = Fusion::new(synthetic::camera(), MIDDLE);
+    let mut registration = HybridRegistration::new(synthetic::camera(), MIDDLE);
     let pose = truth(1.0);
-    let clean = Tracked {
+    let clean = TrackerPose {
         world_from_camera: pose,
         noise: NOISE,
     };
     let fused = registration
-        .step(MonotonicTime::from_nanos(0), Some(clean), None)
+        .register(MonotonicTime::from_nanos(0), Some(clean), None)
         .unwrap();
-    assert_eq!(fused.source, Source::Tracker);
+    assert_eq!(fused.source, PoseOrigin::Tracker);
     assert_eq!(fused.sigma, None);
     assert!(corner_errors(fused.world_from_camera, pose)[0].length() < 1e-9);
     assert!(
         registration
-            .step(MonotonicTime::from_nanos(1), None, None)
+            .register(MonotonicTime::from_nanos(1), None, None)
             .is_none()
     );
 }

@@ -87,7 +87,7 @@ pub struct SphereRecord {
 impl PoseRecord {
     /// Creates the record of a pose.
     #[must_use]
-    pub fn of(pose: &RigidTransform) -> Self {
+    pub fn from_pose(pose: &RigidTransform) -> Self {
         let q = pose.rotation;
         Self {
             position: pose.translation.to_array(),

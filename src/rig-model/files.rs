@@ -50,7 +50,7 @@ impl RigDocument {
     ///
     /// # Errors
     /// There is no `rig.json`, or a file cannot be used.
-    pub fn of_session(attachments: &Attachments) -> Result<Self, RigFilesError> {
+    pub fn from_session(attachments: &Attachments) -> Result<Self, RigFilesError> {
         let bytes = attachment(attachments, "rig.json", "holds the rig's calibration")?;
         calibrated(Self::parse(bytes)?, attachments)
     }
@@ -240,7 +240,7 @@ mod tests {
         for name in TRUTH {
             let files = attachments_in(&truth.join(name));
             let find = |n: &str| files.get(n).map(Vec::as_slice);
-            let scene = RigDocument::of_session(&find)
+            let scene = RigDocument::from_session(&find)
                 .unwrap()
                 .scene(&find)
                 .unwrap();
@@ -283,7 +283,7 @@ mod tests {
         for name in TRUTH {
             let files = attachments_in(&truth.join(name));
             let find = |n: &str| files.get(n).map(Vec::as_slice);
-            let rig = RigDocument::of_session(&find).unwrap();
+            let rig = RigDocument::from_session(&find).unwrap();
             let scene = rig.phantom_scene(&find).unwrap();
             assert!(scene.virtual_parts.is_empty());
             assert_eq!(scene.ground_height, Some(0.0));
@@ -325,7 +325,7 @@ mod tests {
             DVec2::splat(700.0),
             DVec2::new(401.0, 299.0),
         );
-        let record = LensRecord::of_lens(&lens, "scene", String::new());
+        let record = LensRecord::from_lens(&lens, "scene", String::new());
         let bytes = serde_json::to_vec(&record).unwrap();
         let file = |name: &str| (name == "calibration/scene_camera.json").then_some(&bytes[..]);
         let rig = RigDocument::without_rig_json((640, 480), &file).unwrap();
@@ -339,7 +339,9 @@ mod tests {
 
     #[test]
     fn reports_session_without_calibration() {
-        let error = RigDocument::of_session(&|_| None).unwrap_err().to_string();
+        let error = RigDocument::from_session(&|_| None)
+            .unwrap_err()
+            .to_string();
         assert!(
             error.contains("rig.json") && error.contains("import"),
             "{error}"

@@ -135,7 +135,7 @@ mod tests {
     fn file(model: LensModel, size: (u32, u32)) -> Vec<u8> {
         let mut lens = Lens::ideal(model, size, DVec2::splat(500.0), DVec2::new(321.0, 239.0));
         lens.coefficients[0] = -0.2;
-        serde_json::to_vec(&LensRecord::of_lens(&lens, "scene", String::new())).unwrap()
+        serde_json::to_vec(&LensRecord::from_lens(&lens, "scene", String::new())).unwrap()
     }
 
     fn applied(bytes: &[u8]) -> Result<RigDocument, CalibrationFileError> {
@@ -156,7 +156,7 @@ mod tests {
         let (size, focal) = ((600, 600), DVec2::splat(165.0));
         let lens = Lens::ideal(LensModel::KannalaBrandt, size, focal, DVec2::splat(299.5));
         let record = |max_theta| {
-            let record = LensRecord::of_lens(&lens, "environment", String::new());
+            let record = LensRecord::from_lens(&lens, "environment", String::new());
             serde_json::to_vec(&LensRecord {
                 max_theta,
                 ..record

@@ -80,7 +80,7 @@ pub struct QualityRecord {
 impl LensRecord {
     /// Creates the record of a lens that another program calibrated.
     #[must_use]
-    pub fn of_lens(lens: &Lens, camera: &str, date: String) -> Self {
+    pub fn from_lens(lens: &Lens, camera: &str, date: String) -> Self {
         let names = lens.model.coefficients();
         let pairs = names.iter().zip(lens.coefficients);
         Self {

@@ -122,7 +122,7 @@ impl PoseRecord {
 impl FieldRecord {
     /// Creates the record of a field.
     #[must_use]
-    pub fn of(field: &TrackerField) -> Self {
+    pub fn from_field(field: &TrackerField) -> Self {
         let grid = field.grid();
         Self {
             low: grid.low.to_array(),

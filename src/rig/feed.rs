@@ -144,7 +144,7 @@ impl Feed {
         mut monitor: Option<&mut LatencyMonitor>,
     ) -> Next<Box<JournaledFrame>> {
         if let Some(latency) = monitor.as_ref().and_then(|m| m.requested_latency()) {
-            self.pairing.wish_tracker_latency(latency);
+            self.pairing.set_target_latency(latency);
         }
         match &self.origin {
             Origin::Recorded(_) => self.next_recorded(monitor.as_deref_mut()),
@@ -214,7 +214,7 @@ impl Feed {
                 Delivery::Event(event) => self.take(event, monitor.as_deref_mut()),
                 Delivery::Superseded { arrived_at } => {
                     self.counts.scene_frames += 1;
-                    self.pairing.pass_over(arrived_at);
+                    self.pairing.skip_scene(arrived_at);
                     skipped += 1;
                 }
             }

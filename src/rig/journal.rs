@@ -3,7 +3,7 @@
 use crate::source::Source;
 use penumbra_capture::Hub;
 use penumbra_interface::{Clock, MonotonicTime, SystemClock};
-use penumbra_session::{LightNote, SessionEvent};
+use penumbra_session::{LightRecord, SessionEvent};
 use std::sync::Arc;
 
 /// What the recording of a live rig says about a picture.
@@ -14,7 +14,7 @@ pub enum JournalEntry {
     /// The rig skipped the picture, and its light estimate has not used it.
     Skipped,
     /// The picture was composed. `None` in older recordings, which do not name the light.
-    Composed(Option<LightNote>),
+    Composed(Option<LightRecord>),
 }
 
 /// Writes the notes of a live rig; a replay has no journal to write.
@@ -30,7 +30,7 @@ impl Journal {
     }
 
     /// Notes that the picture which arrived at `arrived_at` is composed, and in which light.
-    pub fn write(&self, arrived_at: MonotonicTime, light: LightNote) {
+    pub fn write(&self, arrived_at: MonotonicTime, light: LightRecord) {
         if let Some(hub) = &self.0 {
             hub.journal(&SessionEvent::Prepared {
                 at: SystemClock.now(),

@@ -13,8 +13,8 @@ use crate::source::Source;
 use crossbeam_channel::{Receiver, Sender, bounded};
 use glam::DQuat;
 use penumbra_calibration::intrinsics::Grey;
-use penumbra_calibration::latency::Mounted;
-use penumbra_calibration::latency::follow::{Followed, Follower};
+use penumbra_calibration::latency::MountedCamera;
+use penumbra_calibration::latency::offset_monitor::{OffsetMonitor, OffsetState};
 use penumbra_config::{Config, FollowLatency};
 use penumbra_interface::threads;
 use penumbra_interface::{MonotonicTime, PoseSample, RigidTransform};
@@ -38,7 +38,7 @@ pub struct LatencyState {
     /// Active latency, nanoseconds.
     pub in_force_nanos: i64,
     /// Measured latency; `None` if it is not measured.
-    pub followed: Option<Followed>,
+    pub followed: Option<OffsetState>,
 }
 
 /// A message to the measurement.
@@ -71,7 +71,7 @@ struct MonitorThread {
     messages: Option<Sender<Message>>,
     spares: Receiver<Grey>,
     finished: Receiver<()>,
-    known: Arc<Mutex<Followed>>,
+    known: Arc<Mutex<OffsetState>>,
     /// No message is dropped; frames wait instead.
     lossless: bool,
     thread: Option<JoinHandle<()>>,
@@ -93,7 +93,7 @@ impl LatencyMonitor {
             return Ok(None);
         }
         let apply = wanted == FollowLatency::Apply;
-        let measurement = Measurement::of(Mounted::scene_camera(&setup.calibration));
+        let measurement = Measurement::of(MountedCamera::scene_camera(&setup.calibration));
         let mode = if apply && !source.is_live() {
             Mode::SameThread(Box::new(measurement))
         } else {
@@ -151,9 +151,9 @@ impl LatencyMonitor {
     }
 
     /// Returns the current estimate.
-    pub fn known(&self) -> Followed {
+    pub fn known(&self) -> OffsetState {
         match &self.mode {
-            Mode::SameThread(measurement) => measurement.follower.known(),
+            Mode::SameThread(measurement) => measurement.follower.state(),
             Mode::MonitorThread(worker) => {
                 *worker.known.lock().unwrap_or_else(PoisonError::into_inner)
             }
@@ -177,10 +177,7 @@ impl LatencyMonitor {
     }
 
     fn confident_latency(&self) -> Option<i64> {
-        let measured = self
-            .known()
-            .measured
-            .filter(|m| m.sigma < MAX_SIGMA_SECONDS);
+        let measured = self.known().offset.filter(|m| m.sigma < MAX_SIGMA_SECONDS);
         Some((measured.filter(|_| self.apply)?.seconds * 1e9) as i64)
     }
 
@@ -192,7 +189,7 @@ impl LatencyMonitor {
     }
 
     /// Returns the estimate from all data sent. A live rig does not wait for it.
-    pub fn finish(&mut self) -> Followed {
+    pub fn finish(&mut self) -> OffsetState {
         self.send(Message::Finish);
         if let Mode::MonitorThread(worker) = &self.mode
             && worker.lossless
@@ -232,14 +229,14 @@ impl MonitorThread {
             let _ = spare.try_send(none());
         }
         let (done, finished) = bounded(1);
-        let known = Arc::new(Mutex::new(Followed::default()));
+        let known = Arc::new(Mutex::new(OffsetState::default()));
         let shared = Arc::clone(&known);
         let job = move || {
             for message in received {
                 let finish = matches!(message, Message::Finish);
                 if measurement.take(message) {
                     *shared.lock().unwrap_or_else(PoisonError::into_inner) =
-                        measurement.follower.known();
+                        measurement.follower.state();
                 }
                 if let Some(small) = measurement.spare.take() {
                     let _ = spare.try_send(small);
@@ -285,15 +282,15 @@ impl Drop for MonitorThread {
 /// The measurement.
 #[derive(Default)]
 struct Measurement {
-    follower: Follower,
+    follower: OffsetMonitor,
     /// The buffer of an analysed picture, to be recycled.
     spare: Option<Grey>,
 }
 
 impl Measurement {
-    fn of(mounted: Option<Mounted>) -> Self {
+    fn of(mounted: Option<MountedCamera>) -> Self {
         Self {
-            follower: Follower::new(mounted),
+            follower: OffsetMonitor::new(mounted),
             spare: None,
         }
     }
@@ -301,10 +298,10 @@ impl Measurement {
     /// Processes a message. Returns whether the estimate was updated.
     fn take(&mut self, message: Message) -> bool {
         match message {
-            Message::Reading(at, pose) => self.follower.reading(at, pose),
-            Message::Pose(at, rotation) => self.follower.pose(at, rotation),
+            Message::Reading(at, pose) => self.follower.add_reading(at, pose),
+            Message::Pose(at, rotation) => self.follower.add_pose(at, rotation),
             Message::Picture(at, small) => {
-                self.follower.picture(at, &small);
+                self.follower.add_picture(at, &small);
                 self.spare = Some(small);
             }
             Message::Restart => self.follower.restart(),
@@ -313,7 +310,7 @@ impl Measurement {
                 return true;
             }
         }
-        let due = self.follower.due();
+        let due = self.follower.is_due();
         if due {
             self.follower.estimate();
         }

@@ -20,14 +20,14 @@ pub(super) fn publish(s: &mut Snapshot, prepared: &PreparedFrame) {
     let Some(followed) = &state.followed else {
         return;
     };
-    let measured = followed.measured;
+    let measured = followed.offset;
     let now = prepared.frame.captured_at;
     let p = &mut s.pairing;
     p.tracker_latency_ms = Some(in_force_ms(state));
     p.tracker_latency_measured_ms = measured.map(|m| m.seconds * 1e3);
     p.tracker_latency_sigma_ms = measured.map(|m| m.sigma * 1e3);
-    p.tracker_latency_by = measured.map(|m| m.by.name());
-    p.tracker_latency_ago_s = measured.map(|m| now.seconds_since(m.at).max(0.0));
+    p.tracker_latency_by = measured.map(|m| m.method.name());
+    p.tracker_latency_ago_s = measured.map(|m| now.seconds_since(m.estimated_at).max(0.0));
     // The text is formatted only when the refusal changes.
     match followed.refusal {
         None => p.tracker_latency_note = None,
@@ -47,12 +47,12 @@ pub(super) fn publish(s: &mut Snapshot, prepared: &PreparedFrame) {
 /// Returns the latency for the report; `None` if it was not measured.
 pub(super) fn report(state: &LatencyState) -> Option<LatencyReport> {
     let followed = state.followed?;
-    let measured = followed.measured;
+    let measured = followed.offset;
     Some(LatencyReport {
-        in_force_ms: in_force_ms(state),
+        used_ms: in_force_ms(state),
         measured_ms: measured.map(|m| m.seconds * 1e3),
         sigma_ms: measured.map(|m| m.sigma * 1e3),
-        by: measured.map(|m| m.by.name()),
+        by: measured.map(|m| m.method.name()),
         note: followed.refusal.map(|refusal| refusal.to_string()),
     })
 }
@@ -62,7 +62,7 @@ fn in_force_ms(state: &LatencyState) -> f64 {
 }
 
 fn contradicts(state: &LatencyState) -> bool {
-    let measured = state.followed.and_then(|f| f.measured);
+    let measured = state.followed.and_then(|f| f.offset);
     measured.is_some_and(|m| {
         let deviation = (m.seconds * 1e3 - in_force_ms(state)).abs();
         deviation > CONTRADICTS_MS && deviation > CONTRADICTS_SIGMA * m.sigma * 1e3
@@ -88,19 +88,19 @@ fn is_text_of(text: Option<&str>, what: &impl std::fmt::Display) -> bool {
 mod tests {
     #![allow(clippy::unwrap_used)]
     use super::*;
-    use penumbra_calibration::latency::follow::{Followed, Measured};
-    use penumbra_calibration::latency::{LatencyError, Means};
+    use penumbra_calibration::latency::offset_monitor::{FilteredOffset, OffsetState};
+    use penumbra_calibration::latency::{LatencyError, OffsetMethod};
     use penumbra_interface::MonotonicTime;
 
     fn state(in_force_ms: i64, measured_ms: f64, sigma_ms: f64) -> LatencyState {
         LatencyState {
             in_force_nanos: in_force_ms * 1_000_000,
-            followed: Some(Followed {
-                measured: Some(Measured {
+            followed: Some(OffsetState {
+                offset: Some(FilteredOffset {
                     seconds: measured_ms * 1e-3,
                     sigma: sigma_ms * 1e-3,
-                    by: Means::Poses,
-                    at: MonotonicTime::default(),
+                    method: OffsetMethod::Poses,
+                    estimated_at: MonotonicTime::default(),
                 }),
                 refusal: Some(LatencyError::AtRest),
             }),
@@ -119,9 +119,9 @@ mod tests {
     #[test]
     fn report_contains_the_measured_latency() {
         let report = report(&state(20, 35.0, 0.6)).unwrap();
-        assert_eq!(report.in_force_ms, 20.0);
+        assert_eq!(report.used_ms, 20.0);
         assert!((report.measured_ms.unwrap() - 35.0).abs() < 1e-9);
-        assert!(report.note.unwrap().contains("rests"));
+        assert!(report.note.unwrap().contains("at rest"));
         assert_eq!(super::report(&LatencyState::default()), None);
     }
 

@@ -29,7 +29,7 @@ use penumbra_config::{Config, Predict, ReplayPairing};
 use penumbra_interface::threads;
 use penumbra_interface::{MonotonicTime, RigidTransform};
 use penumbra_picture::{Picture, YuvEncoding, decode_into};
-use penumbra_registration::Tracked;
+use penumbra_registration::TrackerPose;
 use penumbra_status::{RegistrationStatus, Settings};
 use penumbra_sync::{PairingConfig, RigFrame};
 use std::sync::Arc;
@@ -344,7 +344,7 @@ impl Worker {
             let status = RegistrationStatus::by_tracker(tracked.is_some());
             return (tracked, SphereAt::Calibrated, status);
         };
-        let tracked = tracked.map(|world_from_camera| Tracked {
+        let tracked = tracked.map(|world_from_camera| TrackerPose {
             world_from_camera,
             noise: self.setup.tracker_noise(frame).unwrap_or(TRACKER_NOISE),
         });

@@ -11,7 +11,7 @@ pub(super) fn probe(map: &ProbeMap, now: MonotonicTime) -> ProbeStatus {
         coverage: f64::from(map.coverage.clamp(0.0, 1.0)),
         coverage_above: f64::from(map.coverage_above.clamp(0.0, 1.0)),
         map_age_s: map.seen_at.map(age),
-        sphere_age_s: map.ball_seen_at.map(age),
+        sphere_age_s: map.sphere_seen_at.map(age),
         rim_shift_px: map.rim_shift,
     }
 }
@@ -35,7 +35,7 @@ mod tests {
     fn ages_count_from_the_last_observation_of_the_sphere() {
         let at = |seconds: f64| MonotonicTime::from_nanos((seconds * 1e9) as i64);
         let map = ProbeMap {
-            ball_seen_at: Some(at(2.0)),
+            sphere_seen_at: Some(at(2.0)),
             rim_shift: Some(0.4),
             seen_at: Some(at(1.5)),
             coverage: 0.9,

@@ -76,7 +76,7 @@ impl Recorder {
                 path: busy.path.clone(),
             });
         }
-        let configured = self.config.longest_nanos;
+        let configured = self.config.max_duration_nanos;
         let configured = configured.map(|nanos| Duration::from_nanos(nanos.unsigned_abs()));
         let writer = SessionWriter::create(path)?;
         let (events, waiting) = bounded(WAITING);

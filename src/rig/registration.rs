@@ -6,13 +6,15 @@ use penumbra_camera::EnvironmentView;
 use penumbra_camera::{PinholeCamera, RollingShutter};
 use penumbra_config::PoseSource;
 use penumbra_fiducials::{
-    Detector, Expectation, Family, Registered, Registrar, Registration, Tag, TagMap, TagSeen,
-    nearest_pose,
+    Detector, Family, PosePrior, RegisteredPose, Registrar, RegistrationMethod, Tag, TagMap,
+    TagObservation, nearest_pose,
 };
 use penumbra_interface::{MonotonicTime, RigidTransform};
-use penumbra_lighting::BallSeen;
+use penumbra_lighting::SpherePosition;
 use penumbra_picture::Picture;
-use penumbra_registration::{Fused, Fusion, PoseSigma, Source, Tracked, Verdict};
+use penumbra_registration::{
+    HybridPose, HybridRegistration, MarkerAssessment, PoseOrigin, PoseSigma, TrackerPose,
+};
 use penumbra_rig_model::SphereMarker;
 use penumbra_scene::Scene;
 use penumbra_status::{RegistrationSource, RegistrationStatus};
@@ -30,7 +32,7 @@ pub(crate) struct TagRegistration {
     /// Where they tell the pose.
     registrar: Option<Registrar>,
     /// Where they tell it together with the tracker.
-    fusion: Option<Fusion>,
+    fusion: Option<HybridRegistration>,
     /// Poses by markers that were not believed.
     rejected: u64,
     /// Where one carries the mirrored sphere.
@@ -49,7 +51,7 @@ struct Probe {
 #[derive(Clone, Copy, Default)]
 pub(crate) struct ByTracker {
     /// The camera's pose.
-    pub pose: Option<Tracked>,
+    pub pose: Option<TrackerPose>,
     /// How it moved while the picture was read.
     pub motion: Option<RollingShutter>,
 }
@@ -61,7 +63,7 @@ pub(crate) struct RegistrationResult {
     /// The same by markers alone, however it is used.
     pub by_markers: Option<RigidTransform>,
     /// The mirrored sphere, where this picture tells more of it than the calibration.
-    pub ball: Option<BallSeen>,
+    pub ball: Option<SpherePosition>,
     /// The sphere is carried about, and this picture does not show where.
     pub ball_lost: bool,
     /// For the status.
@@ -90,7 +92,7 @@ impl TagRegistration {
             row_seconds,
             fusion: (setup.pose == PoseSource::Hybrid).then(|| {
                 let middle = middle(&setup.scene, setup.tags.as_ref());
-                Fusion::new(rig.scene_camera.camera.clone(), middle)
+                HybridRegistration::new(rig.scene_camera.camera.clone(), middle)
             }),
             rejected: 0,
             registrar: setup.tags.clone().map(Registrar::new),
@@ -117,23 +119,25 @@ impl TagRegistration {
             status: RegistrationStatus::by_tracker(tracked.is_some()),
         };
         if let Some(registrar) = &mut self.registrar {
-            let expected = Expectation {
-                pose: self.fusion.as_ref().and_then(|f| f.expected(by_tracker)),
+            let expected = PosePrior {
+                pose: self.fusion.as_ref().and_then(|f| f.predicted(by_tracker)),
                 motion: by.motion,
                 row_seconds: self.row_seconds,
             };
-            let found = registrar.register_near(&self.camera, seen, at, &expected);
-            let sure = |f: &&Registered| f.how != Registration::TagGuessed;
+            let found = registrar.register_with(&self.camera, seen, at, &expected);
+            let sure = |f: &&RegisteredPose| f.method != RegistrationMethod::TagGuessed;
             told.by_markers = found.as_ref().filter(sure).map(|f| f.map_from_camera);
             (told.world_from_camera, told.status) = match &mut self.fusion {
                 None => (found.map(|f| f.map_from_camera), by_markers(found.as_ref())),
                 Some(fusion) => {
                     // A guess corrects nothing; alone it is better than no pose.
-                    let sure =
-                        |f: &&Registered| tracked.is_none() || f.how != Registration::TagGuessed;
+                    let sure = |f: &&RegisteredPose| {
+                        tracked.is_none() || f.method != RegistrationMethod::TagGuessed
+                    };
                     let sure = found.as_ref().filter(sure);
-                    let fused = fusion.step(at, tracked, sure.map(|f| &f.estimate));
-                    let rejected = fused.is_some_and(|f| f.verdict == Verdict::Rejected);
+                    let fused = fusion.register(at, tracked, sure.map(|f| &f.estimate));
+                    let rejected =
+                        fused.is_some_and(|f| f.assessment == MarkerAssessment::Rejected);
                     self.rejected += u64::from(rejected);
                     let status = by_both(fused.as_ref(), sure, self.rejected);
                     (fused.map(|f| f.world_from_camera), status)
@@ -142,7 +146,7 @@ impl TagRegistration {
             told.ball = told
                 .world_from_camera
                 .zip(self.ball)
-                .map(|(_, centre)| BallSeen {
+                .map(|(_, centre)| SpherePosition {
                     centre_in_world: centre,
                     sigma: match (found, told.status.sigma_px) {
                         (Some(f), _) if self.fusion.is_none() => {
@@ -155,7 +159,7 @@ impl TagRegistration {
         if let (Some(probe), Some(pose)) = (&mut self.probe, told.world_from_camera) {
             let centre = probe.find(&self.camera, seen);
             told.ball_lost = centre.is_none();
-            told.ball = centre.map(|centre_in_camera| BallSeen {
+            told.ball = centre.map(|centre_in_camera| SpherePosition {
                 centre_in_world: pose.transform_point(centre_in_camera),
                 sigma: UNTOLD_SIGMA,
             });
@@ -165,39 +169,43 @@ impl TagRegistration {
 }
 
 /// For the status: a pose by markers alone.
-fn by_markers(found: Option<&Registered>) -> RegistrationStatus {
+fn by_markers(found: Option<&RegisteredPose>) -> RegistrationStatus {
     RegistrationStatus::by_markers(found.map(|f| {
-        let guessed = f.how == Registration::TagGuessed;
+        let guessed = f.method == RegistrationMethod::TagGuessed;
         (tags_of(f), f.estimate.rms, guessed)
     }))
 }
 
-fn tags_of(found: &Registered) -> usize {
-    match found.how {
-        Registration::Map { tags } => tags,
+fn tags_of(found: &RegisteredPose) -> usize {
+    match found.method {
+        RegistrationMethod::Map { tags } => tags,
         _ => 1,
     }
 }
 
 /// For the status: a pose by tracker and markers.
-fn by_both(fused: Option<&Fused>, found: Option<&Registered>, rejected: u64) -> RegistrationStatus {
+fn by_both(
+    fused: Option<&HybridPose>,
+    found: Option<&RegisteredPose>,
+    rejected: u64,
+) -> RegistrationStatus {
     let with_count = |status| RegistrationStatus { rejected, ..status };
     let Some(fused) = fused else {
         return with_count(RegistrationStatus::default());
     };
     let status = RegistrationStatus {
         source: match fused.source {
-            Source::Tracker => RegistrationSource::Tracker,
-            Source::Corrected { .. } => RegistrationSource::Hybrid,
-            Source::Markers => RegistrationSource::Markers,
+            PoseOrigin::Tracker => RegistrationSource::Tracker,
+            PoseOrigin::Corrected { .. } => RegistrationSource::Hybrid,
+            PoseOrigin::Markers => RegistrationSource::Markers,
         },
         corrected_ago_s: match fused.source {
-            Source::Corrected { age } => Some(age),
-            Source::Tracker | Source::Markers => None,
+            PoseOrigin::Corrected { age } => Some(age),
+            PoseOrigin::Tracker | PoseOrigin::Markers => None,
         },
         correction_mm: fused.correction.map(|[metres, _]| metres * 1e3),
         correction_deg: fused.correction.map(|[_, radians]| radians.to_degrees()),
-        settling_px: Some(fused.behind),
+        settling_px: Some(fused.remaining_pixels),
         ..by_markers(found)
     };
     let told = fused.sigma.map(
@@ -234,7 +242,7 @@ pub(crate) fn middle(scene: &Scene, tags: Option<&TagMap>) -> DVec3 {
 impl Probe {
     /// The sphere's centre in the camera's frame. Of two markers with its number
     /// neither is believed.
-    fn find(&mut self, camera: &PinholeCamera, seen: &[TagSeen]) -> Option<DVec3> {
+    fn find(&mut self, camera: &PinholeCamera, seen: &[TagObservation]) -> Option<DVec3> {
         let SphereMarker {
             family,
             id,

@@ -42,7 +42,7 @@ pub struct Report {
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct LatencyReport {
     /// In force at the end.
-    pub in_force_ms: f64,
+    pub used_ms: f64,
     /// As measured in the end; null where nothing told it.
     pub measured_ms: Option<f64>,
     /// 1σ of that.

@@ -268,7 +268,7 @@ impl Run {
             } else {
                 0.0
             },
-            refresh: Refresh::UpTo(refresh.of(settings.light_count) as usize),
+            refresh: Refresh::UpTo(refresh.count(settings.light_count) as usize),
             show_virtual: settings.virtual_object_visible,
             planes: self.planes.choice(settings, self.scenes.shown()),
             exposure: exposure(settings, prepared.seconds),

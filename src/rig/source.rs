@@ -121,7 +121,7 @@ impl RigFiles {
     pub fn document(&self, config: &Config) -> Result<RigDocument, RigError> {
         let attachments = |name: &str| self.get(name);
         Ok(match self.get("rig.json") {
-            Some(_) => RigDocument::of_session(&attachments)?,
+            Some(_) => RigDocument::from_session(&attachments)?,
             None => RigDocument::without_rig_json(wanted_size(config), &attachments)?,
         })
     }
@@ -194,7 +194,7 @@ pub(super) fn tracker(
         (Some(told), Some(metres)) if (told.metres() - metres).abs() > 1e-6 => {
             return Err(RigError::Units { told, metres });
         }
-        (None, Some(metres)) => tracker.units = TrackerUnits::of_metres(metres),
+        (None, Some(metres)) => tracker.units = TrackerUnits::from_metres(metres),
         _ => (),
     }
     Ok(source)
@@ -214,7 +214,7 @@ impl Source {
     pub(super) fn document(&self, config: &Config) -> Result<RigDocument, RigError> {
         match self {
             Self::Live(live) => live.files.document(config),
-            Self::Recorded(session) => Ok(RigDocument::of_session(&|name: &str| {
+            Self::Recorded(session) => Ok(RigDocument::from_session(&|name: &str| {
                 session.attachment(name)
             })?),
         }
@@ -245,7 +245,7 @@ impl Source {
     #[must_use]
     pub fn share_played(&self, at: MonotonicTime) -> Option<f64> {
         match self {
-            Self::Recorded(session) => session.share_played(at),
+            Self::Recorded(session) => session.progress_at(at),
             Self::Live(_) => None,
         }
     }

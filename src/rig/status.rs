@@ -10,7 +10,7 @@ use crate::report::FrameCounts;
 use crate::setup::RigSetup;
 use crate::source::Source;
 use penumbra_compositor::Gpu;
-use penumbra_compositor::exposure::ExposureInForce;
+use penumbra_compositor::exposure::ActiveExposure;
 use penumbra_interface::DeviceKind;
 use penumbra_lighting::BrightestLight;
 use penumbra_status::planes::PlanesStatus;
@@ -46,7 +46,7 @@ pub struct Published<'a> {
     /// Status of the scene file.
     pub scene: &'a SceneStatus,
     /// The picture's exposure.
-    pub exposure: ExposureInForce,
+    pub exposure: ActiveExposure,
     /// The brightest light of the real scene, smoothed over time.
     pub brightest: BrightestLight,
     /// Age from which light is reported as stale, nanoseconds.
@@ -132,7 +132,7 @@ pub fn publish(p: &Published<'_>) {
     });
 }
 
-fn exposure(in_force: ExposureInForce) -> ExposureStatus {
+fn exposure(in_force: ActiveExposure) -> ExposureStatus {
     let brightness = in_force.brightness;
     ExposureStatus {
         ev: in_force.stops,

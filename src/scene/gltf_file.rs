@@ -10,7 +10,7 @@ use super::gltf_lamp::{ModelLamp, lamp};
 use super::gltf_material::{Materials, UvMaterial};
 pub use super::gltf_motion::Playing;
 use super::gltf_motion::{Skeleton, names};
-use super::lamps::MOST_LAMPS;
+use super::lamps::MAX_LAMPS;
 use super::motion::Motion;
 use super::normals::{normalise_directions, recompute_normals, recompute_tangents};
 use crate::error::SceneError;
@@ -205,8 +205,8 @@ fn read(
             .as_ref()
             .map_or(matrix, |m| z_up.transpose() * m.at(0.0) * z_up);
         if let Some(light) = node.light() {
-            if reader.model.lamps.len() >= MOST_LAMPS {
-                return Err(format!("more than {MOST_LAMPS} lights; remove some"));
+            if reader.model.lamps.len() >= MAX_LAMPS {
+                return Err(format!("more than {MAX_LAMPS} lights; remove some"));
             }
             let model = &mut reader.model;
             model.lamps.push(lamp(&node, &light, matrix)?);

@@ -16,7 +16,7 @@ pub struct ModelLamp {
     pub kind: VirtualLightKind,
     /// Linear RGB, candela; of a directional light such that it has its lux at the model.
     pub candela: Vec3,
-    /// Whether it is a directional light: a point light [`FAR`] away.
+    /// Whether it is a directional light: a point light `FAR` away.
     pub parallel: bool,
     /// Model's frame (+Z up), metres.
     pub position: DVec3,

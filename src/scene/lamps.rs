@@ -5,7 +5,7 @@ use glam::{DVec3, Vec3};
 use penumbra_numerics::smoothstep;
 
 /// Maximum number of lamps of a scene.
-pub const MOST_LAMPS: usize = 32;
+pub const MAX_LAMPS: usize = 32;
 
 /// A virtual light at one instant.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -49,13 +49,13 @@ pub enum SessionEvent {
         arrived_at: MonotonicTime,
         /// Its light. `None` in older recordings, where the light estimator used each of these
         /// pictures and each was rendered in the light of the previous one.
-        light: Option<LightNote>,
+        light: Option<LightRecord>,
     },
 }
 
 /// The live rig's record of a picture's light, which is estimated asynchronously.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct LightNote {
+pub struct LightRecord {
     /// The light estimator used the picture.
     pub seen: bool,
     /// Arrival of the picture in whose light this one was rendered; `None` before the first estimate.
@@ -282,7 +282,7 @@ impl Events {
                     } => SessionEvent::Prepared {
                         at: arrived_at,
                         arrived_at: MonotonicTime::from_nanos(of),
-                        light: seen.map(|seen| LightNote {
+                        light: seen.map(|seen| LightRecord {
                             seen,
                             lit_by: lit_by.map(MonotonicTime::from_nanos),
                         }),

@@ -1,7 +1,7 @@
 //! The journal, which records how the live rig processed the streams so that a replay can repeat it,
 //! and the cameras' controls.
 
-use super::events::LightNote;
+use super::events::LightRecord;
 use penumbra_interface::{ControlsInForce, MonotonicTime};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -55,7 +55,7 @@ impl ControlsMessage {
 }
 
 impl JournalMessage {
-    pub fn prepared(arrived_at: MonotonicTime, light: Option<LightNote>) -> Self {
+    pub fn prepared(arrived_at: MonotonicTime, light: Option<LightRecord>) -> Self {
         Self::Prepared {
             arrived_at: arrived_at.as_nanos(),
             seen: light.map(|light| light.seen),

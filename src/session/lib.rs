@@ -39,7 +39,7 @@ mod writer;
 pub mod import;
 
 pub use error::SessionError;
-pub use events::{Events, LightNote, SessionEvent};
+pub use events::{Events, LightRecord, SessionEvent};
 pub use info::{StreamInfo, describe};
 pub use reader::{Attachment, Session};
 pub use topics::Camera;

@@ -91,7 +91,7 @@ impl Session {
 
     /// Share of the recording, 0..=1, that arrived by `at`; `None` if it has no duration.
     #[must_use]
-    pub fn share_played(&self, at: MonotonicTime) -> Option<f64> {
+    pub fn progress_at(&self, at: MonotonicTime) -> Option<f64> {
         let chunks = self.container.chunks.iter().map(|chunk| &chunk.header);
         let start = chunks.clone().map(|c| c.start_time).min()?;
         let end = chunks.map(|c| c.end_time).max()?;

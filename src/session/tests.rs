@@ -587,7 +587,7 @@ fn events_of_a_live_rig() -> Vec<SessionEvent> {
         SessionEvent::Prepared {
             at: at(2 * second + 6),
             arrived_at: at(2 * second),
-            light: Some(LightNote {
+            light: Some(LightRecord {
                 seen: true,
                 lit_by: Some(at(second)),
             }),
@@ -595,7 +595,7 @@ fn events_of_a_live_rig() -> Vec<SessionEvent> {
         SessionEvent::Prepared {
             at: at(2 * second + 6),
             arrived_at: at(2 * second + 1),
-            light: Some(LightNote {
+            light: Some(LightRecord {
                 seen: false,
                 lit_by: None,
             }),

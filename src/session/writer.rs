@@ -2,7 +2,7 @@
 
 use super::SessionError;
 use super::container::is_inside;
-use super::events::{LightNote, SessionEvent};
+use super::events::{LightRecord, SessionEvent};
 use super::journal::{self, ControlsMessage, JournalMessage};
 use super::messages::{self, ExposureMessage};
 use super::sink::{Sink, Watched};
@@ -188,7 +188,7 @@ impl<W: Write + Seek> SessionWriter<W> {
     pub fn prepared(
         &mut self,
         arrived_at: MonotonicTime,
-        light: Option<LightNote>,
+        light: Option<LightRecord>,
         at: MonotonicTime,
     ) -> Result<(), SessionError> {
         self.journal(&JournalMessage::prepared(arrived_at, light), at)

@@ -69,7 +69,7 @@ impl App {
 
     /// Encodes each new picture once for all viewers, and nothing without viewers.
     pub async fn stream_pictures(&self) {
-        let mut watchers = self.shared.watchers();
+        let mut watchers = self.shared.viewers();
         let mut pictures = self.shared.pictures();
         loop {
             if *watchers.borrow_and_update() == 0 {
@@ -206,7 +206,7 @@ async fn settings(State(app): State<App>, headers: HeaderMap, body: Bytes) -> Re
         return problem(StatusCode::UNSUPPORTED_MEDIA_TYPE, text);
     }
     let accepted: Result<Settings, SettingsError> =
-        SettingsChange::from_json(&body).and_then(|change| app.shared.wish(&change));
+        SettingsChange::from_json(&body).and_then(|change| app.shared.request_settings(&change));
     match accepted {
         Ok(settings) => (StatusCode::ACCEPTED, Json(settings)).into_response(),
         Err(error) => problem(StatusCode::UNPROCESSABLE_ENTITY, &error.to_string()),
@@ -249,7 +249,7 @@ async fn stream(State(app): State<App>) -> Response {
         let text = format!("{MAX_STREAMS} viewers are connected already; close one of them\n");
         return (StatusCode::SERVICE_UNAVAILABLE, text).into_response();
     };
-    let body = Body::from_stream(parts(&app, (seat, app.shared.watch())));
+    let body = Body::from_stream(parts(&app, (seat, app.shared.count_viewer())));
     ([(header::CONTENT_TYPE, STREAM_CONTENT_TYPE)], body).into_response()
 }
 

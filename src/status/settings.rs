@@ -1,9 +1,9 @@
 //! Settings that can be changed while the rig runs.
 
 use penumbra_config::{
-    ADAPTATION_SECONDS, BRIGHTEST_STOPS, DARKEST_STOPS, EXPOSURE_KEYS, EXPOSURE_STOPS,
-    ExposureConfig, ExposureMode, Filtering, Highlights, LampResponse, LightPlacement,
-    PlaneShading, ShadowMode, Technique,
+    ADAPTATION_SECONDS, EXPOSURE_KEYS, EXPOSURE_STOPS, ExposureConfig, ExposureMode, Filtering,
+    Highlights, LampResponse, LightPlacement, MAX_EV_STOPS, MIN_EV_STOPS, PlaneShading, ShadowMode,
+    Technique,
 };
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
@@ -263,8 +263,8 @@ impl Settings {
     fn exposure_in_range(&self) -> Result<(), SettingsError> {
         let numbers = [
             ("exposure_ev", self.exposure_ev, EXPOSURE_STOPS),
-            ("exposure_min_ev", self.exposure_min_ev, DARKEST_STOPS),
-            ("exposure_max_ev", self.exposure_max_ev, BRIGHTEST_STOPS),
+            ("exposure_min_ev", self.exposure_min_ev, MIN_EV_STOPS),
+            ("exposure_max_ev", self.exposure_max_ev, MAX_EV_STOPS),
             ("exposure_key", self.exposure_key, EXPOSURE_KEYS),
             (
                 "exposure_adaptation_s",

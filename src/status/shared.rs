@@ -128,7 +128,7 @@ impl SharedStatus {
     ///
     /// # Errors
     /// A value is invalid; then nothing changes.
-    pub fn wish(&self, change: &SettingsChange) -> Result<Settings, SettingsError> {
+    pub fn request_settings(&self, change: &SettingsChange) -> Result<Settings, SettingsError> {
         let mut answer = Ok(());
         self.settings.send_if_modified(|requested| {
             let changed = change.apply_to(requested);
@@ -177,13 +177,13 @@ impl SharedStatus {
 
     /// Subscribes to the number of viewers of the stream.
     #[must_use]
-    pub fn watchers(&self) -> watch::Receiver<u32> {
+    pub fn viewers(&self) -> watch::Receiver<u32> {
         self.watchers.subscribe()
     }
 
     /// Counts a viewer of the stream until the guard is dropped.
     #[must_use]
-    pub fn watch(self: &Arc<Self>) -> Watching {
+    pub fn count_viewer(self: &Arc<Self>) -> Watching {
         self.watchers.send_modify(|n| *n += 1);
         Watching(Arc::clone(self))
     }
@@ -271,7 +271,7 @@ mod tests {
     fn pictures_are_requested_while_there_are_viewers() {
         let (shared, _) = shared();
         assert!(!shared.wants_picture());
-        let (first, second) = (shared.watch(), shared.watch());
+        let (first, second) = (shared.count_viewer(), shared.count_viewer());
         drop(first);
         assert!(shared.wants_picture());
         assert_eq!(shared.snapshot().stream.viewers, 1);
@@ -287,18 +287,24 @@ mod tests {
     fn changes_accumulate_and_refused_ones_have_no_effect() {
         let (shared, _) = shared();
         let mut requested = shared.settings_receiver();
-        shared.wish(&change(r#"{"light_count": 8}"#)).unwrap();
+        shared
+            .request_settings(&change(r#"{"light_count": 8}"#))
+            .unwrap();
         assert!(requested.has_changed().unwrap());
         assert_eq!(requested.borrow_and_update().light_count, 8);
         shared
-            .wish(&change(r#"{"light_count": 24, "shadow_strength": 2}"#))
+            .request_settings(&change(r#"{"light_count": 24, "shadow_strength": 2}"#))
             .unwrap_err();
-        shared.wish(&change(r#"{"light_count": 8}"#)).unwrap();
+        shared
+            .request_settings(&change(r#"{"light_count": 8}"#))
+            .unwrap();
         assert!(
             !requested.has_changed().unwrap(),
             "nothing new was requested"
         );
-        let both = shared.wish(&change(r#"{"shadow_strength": 0.5}"#)).unwrap();
+        let both = shared
+            .request_settings(&change(r#"{"shadow_strength": 0.5}"#))
+            .unwrap();
         assert_eq!((both.light_count, both.shadow_strength), (8, 0.5));
         assert_eq!(
             shared.snapshot().settings,

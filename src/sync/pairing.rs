@@ -180,7 +180,7 @@ impl Pairing {
     }
 
     /// Sets the value that the tracker's latency approaches by one millisecond per second.
-    pub const fn wish_tracker_latency(&mut self, nanos: i64) {
+    pub const fn set_target_latency(&mut self, nanos: i64) {
         self.target_latency = nanos;
     }
 
@@ -235,7 +235,7 @@ impl Pairing {
     }
 
     /// Counts a picture of the scene camera that was skipped in favour of newer ones.
-    pub fn pass_over(&mut self, arrived_at: MonotonicTime) {
+    pub fn skip_scene(&mut self, arrived_at: MonotonicTime) {
         self.advance(arrived_at);
         self.counts.scene_frames += 1;
     }

@@ -4,7 +4,7 @@ use crate::exposure::table;
 use crate::stage::{Stage, cell, lighting, noise};
 use glam::Vec3;
 use penumbra_camera::Response;
-use penumbra_compositor::exposure::{AutoLimits, ExposureInForce};
+use penumbra_compositor::exposure::{ActiveExposure, AutoLimits};
 use penumbra_compositor::{Exposure, LampResponse};
 use penumbra_picture::Picture;
 use penumbra_scene::PlacedLamp;
@@ -51,7 +51,7 @@ fn mean_luminance(picture: &Picture) -> f64 {
 }
 
 /// Exposures and pictures of a lamp that is switched on after ten pictures and off after 110.
-fn switched(frames: u32) -> Vec<(ExposureInForce, Picture)> {
+fn switched(frames: u32) -> Vec<(ActiveExposure, Picture)> {
     let (mut on, mut off) = (lamp_stage(0.6), lamp_stage(0.0));
     let mut compositor = on.compositor();
     let frame = |i: u32| {

@@ -6,7 +6,7 @@ use crate::stage::{Stage, even_sky, flat, lighting, matt, noise, painted, spiral
 use glam::{DVec3, Vec3};
 use penumbra_camera::Response;
 use penumbra_compositor::Exposure;
-use penumbra_compositor::exposure::ExposureInForce;
+use penumbra_compositor::exposure::ActiveExposure;
 use penumbra_compositor::reference::exposure::exposed;
 use penumbra_picture::Picture;
 use penumbra_scene::Highlights;
@@ -77,7 +77,7 @@ fn no_change_keeps_every_code_and_draws_nothing_more() {
             passes.iter().all(|(name, _)| !name.starts_with("exposure")),
             "{passes:?}"
         );
-        assert_eq!(compositor.exposure(), ExposureInForce::default());
+        assert_eq!(compositor.exposure(), ActiveExposure::default());
     }
     // With virtual things in it, too, it is what it was before.
     let mut full = table();

@@ -5,7 +5,7 @@ use crate::stage::{Stage, cell, even_sky, lighting, looking_from, painted};
 use glam::{DMat4, DQuat, DVec2, DVec3, Vec3};
 use penumbra_camera::Response;
 use penumbra_lighting::box_chain::{box_chain, box_level};
-use penumbra_lighting::compact_source_specular::{excesses, mirrored};
+use penumbra_lighting::compact_source_specular::{excesses, reflected};
 use penumbra_lighting::cube::CubeGrid;
 use penumbra_lighting::lobes::{Family, Levels, phong_parameter, tilted, widths};
 use penumbra_lighting::prefilter::{Prefilter, gathered, level_count};
@@ -162,7 +162,7 @@ fn sources_are_mirrored_by_the_lobe_itself_where_levels_leave_them_out() {
             let d = tilted(n * (2.0 * n.dot(v)) - v, n, r.tilt);
             let level = levels.level(r.width);
             let light = gathered(&map, family, level, d);
-            let [scaled, added] = mirrored(&map.compact_sources, (family, p, level), n, v);
+            let [scaled, added] = reflected(&map.compact_sources, (family, p, level), n, v);
             light * (SPECULAR * r.scale + r.bias) + scaled * SPECULAR + added
         });
         assert!(most <= 5 && mean < 0.9, "{family:?} {p}: {most} {mean}");

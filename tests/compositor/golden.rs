@@ -96,7 +96,7 @@ fn room() -> Lighting {
 }
 
 /// The table as a camera sees it: squares of 5 cm, dark and light.
-fn checkered(stage: &Stage) -> Picture {
+fn chequered(stage: &Stage) -> Picture {
     let pose = stage.pose.unwrap();
     let (width, height) = (stage.picture.width, stage.picture.height);
     let shade = |x: f64, y: f64| {
@@ -135,7 +135,7 @@ fn checkered(stage: &Stage) -> Picture {
 
 pub fn golden_stage() -> Stage {
     let mut stage = Stage::new(160, 120).lit(room());
-    stage.picture = checkered(&stage);
+    stage.picture = chequered(&stage);
     stage
 }
 

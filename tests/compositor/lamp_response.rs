@@ -25,7 +25,7 @@ fn point(position: Vec3, intensity: Vec3) -> PlacedLamp {
 /// The paper's response under the stage's own light.
 fn by_paper(lights: &[DomeLight]) -> LampResponse {
     LampResponse::Paper {
-        brightest: BrightestLight::of(lights).vector(),
+        brightest: BrightestLight::from_lights(lights).vector(),
     }
 }
 

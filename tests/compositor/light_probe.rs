@@ -7,7 +7,7 @@ use penumbra_camera::Response;
 use penumbra_camera::{EnvironmentView, MirrorSphere};
 use penumbra_interface::MonotonicTime;
 use penumbra_lighting::{
-    BallSeen, Bracket, EnvironmentEstimator, EnvironmentInput, EnvironmentSettings, Lighting,
+    Bracket, EnvironmentEstimator, EnvironmentInput, EnvironmentSettings, Lighting, SpherePosition,
 };
 use penumbra_picture::Picture;
 use penumbra_scene::{IndirectLightSolver, Material, casters, primitives};
@@ -94,7 +94,7 @@ fn read(stage: &Stage, off: DVec3) -> Lighting {
     }];
     let input = EnvironmentInput {
         scene: Some((stage.pose.unwrap(), &stage.camera)),
-        ball: Some(BallSeen {
+        sphere_position: Some(SpherePosition {
             centre_in_world: BALL + off,
             sigma: 1.5,
         }),

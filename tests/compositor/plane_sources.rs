@@ -34,7 +34,7 @@ fn source(direction: Vec3) -> FaceSource {
         direction,
         angular_radius: 0.004,
         spread: vec![(direction, 1.0)],
-        taken: vec![(face_of(direction) as u32, STRENGTH)],
+        irradiance_in_faces: vec![(face_of(direction) as u32, STRENGTH)],
     }
 }
 

@@ -156,7 +156,7 @@ fn responses(on: &mut Compositor, bumps: Bumps, azimuth: f32, sky: f32) -> [Judg
     };
     let before = green(&stage.picture);
     let paper = LampResponse::Paper {
-        brightest: BrightestLight::of(&lights).vector(),
+        brightest: BrightestLight::from_lights(&lights).vector(),
     };
     let flat = LampResponse::Paper {
         brightest: Vec3::ZERO,
@@ -171,7 +171,7 @@ fn responses(on: &mut Compositor, bumps: Bumps, azimuth: f32, sky: f32) -> [Judg
 }
 
 const PLAIN: Bumps = Bumps { albedo: [MEAN; 2] };
-const CHECKERED: Bumps = Bumps {
+const CHEQUERED: Bumps = Bumps {
     albedo: [0.35, 0.65],
 };
 
@@ -180,7 +180,7 @@ fn the_papers_relief_is_right_beside_and_opposite_to_the_sun() {
     let on = &mut table().compositor();
     println!("| surface | sky | lamp beside the sun | flat | paper | intrinsic |");
     println!("|---|---|---|---|---|---|");
-    for (name, bumps) in [("plain", PLAIN), ("checkered", CHECKERED)] {
+    for (name, bumps) in [("plain", PLAIN), ("chequered", CHEQUERED)] {
         for sky in [0.0, 0.6] {
             for azimuth in [0.0, 45.0, 90.0, 180.0] {
                 let cells = responses(on, bumps, azimuth, sky)
@@ -207,8 +207,8 @@ fn the_papers_relief_is_right_beside_and_opposite_to_the_sun() {
 #[test]
 fn on_paint_the_inverse_is_wrong_and_the_intrinsic_response_is_right() {
     let on = &mut table().compositor();
-    let [_, paper, intrinsic] = responses(on, CHECKERED, 180.0, 0.6);
+    let [_, paper, intrinsic] = responses(on, CHEQUERED, 180.0, 0.6);
     assert!(paper.correlation < -0.1 && intrinsic.correlation > 0.1);
-    let [flat, _, intrinsic] = responses(on, CHECKERED, 0.0, 0.0);
+    let [flat, _, intrinsic] = responses(on, CHEQUERED, 0.0, 0.0);
     assert!(intrinsic.correlation > 0.95 && intrinsic.error < 0.3 * flat.error);
 }

@@ -3,7 +3,7 @@
 use glam::Vec3;
 use penumbra_lighting::CubeMap;
 use penumbra_lighting::box_chain::box_level;
-use penumbra_lighting::compact_source_specular::mirrored;
+use penumbra_lighting::compact_source_specular::reflected;
 use penumbra_lighting::cube::{CubeGrid, face_direction};
 use penumbra_lighting::lobes::{Family, Levels, own_width, phong_exponent, tilted};
 use penumbra_lighting::prefilter::gathered;
@@ -119,7 +119,7 @@ pub fn prefiltered(map: &CubeMap, levels: &Levels, family: Family, p: f32, view:
     let level = levels.level(response.width);
     let light = gathered(map, family, level, d);
     let lobe = (family, p, level);
-    let [scaled, added] = mirrored(&map.compact_sources, lobe, view.n, view.v);
+    let [scaled, added] = reflected(&map.compact_sources, lobe, view.n, view.v);
     light * (response.scale + response.bias) + scaled + added
 }
 

@@ -4,7 +4,7 @@
 use super::super::intrinsics::Grey;
 use super::bright_pixels::BrightPixels;
 use penumbra_camera::Response;
-use penumbra_fiducials::TagSeen;
+use penumbra_fiducials::TagObservation;
 use penumbra_interface::{MonotonicTime, RigidTransform};
 use penumbra_picture::Picture;
 use penumbra_sync::{HistoryConfig, PoseHistory};
@@ -22,7 +22,7 @@ pub struct SceneView {
     /// Seconds since the session's start.
     pub seconds: f64,
     /// Fiducials.
-    pub tags: Vec<TagSeen>,
+    pub tags: Vec<TagObservation>,
     /// Bright pixels.
     pub bright: BrightPixels,
     /// `world_from_camera` from markers at known positions.

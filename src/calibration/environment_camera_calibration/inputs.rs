@@ -1,8 +1,8 @@
 //! What the step knows and has gathered, for all of its parts.
 
+use super::clicks::Click;
 use super::gathered::Gathered;
-use super::pairs::Pair;
-use super::sphere_outline::RoughBall;
+use super::sphere_outline::RoughSphere;
 use glam::DVec3;
 use penumbra_camera::EnvironmentView;
 use penumbra_camera::Lens;
@@ -14,7 +14,7 @@ use penumbra_rig_model::RigDocument;
 
 /// How the environment camera sees the surroundings.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Kind {
+pub enum EnvironmentCameraKind {
     /// Through a fisheye.
     Fisheye,
     /// In a mirrored sphere.
@@ -23,21 +23,21 @@ pub enum Kind {
 
 /// The user's options.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Asked {
+pub struct EnvironmentOptions {
     /// Kind of camera; by default that of `rig.json`, else a fisheye.
-    pub kind: Option<Kind>,
+    pub kind: Option<EnvironmentCameraKind>,
     /// The fisheye's field of view, radians.
     pub fov: Option<f64>,
     /// Approximate outline of the sphere in the picture.
-    pub click: Option<RoughBall>,
+    pub rough_sphere: Option<RoughSphere>,
     /// Clicks on known points and directions.
-    pub pairs: Vec<Pair>,
+    pub clicks: Vec<Click>,
     /// Position of the environment camera, world, metres.
-    pub at: Option<DVec3>,
+    pub position: Option<DVec3>,
     /// Families of static fiducials that both cameras see but `rig.json` does not list.
     pub families: Vec<Family>,
     /// Maximum error of the orientation in `rig.json`, radians.
-    pub rough: Option<f64>,
+    pub max_rotation_error: Option<f64>,
 }
 
 /// The rig as known before the step.
@@ -71,8 +71,8 @@ pub enum NotReady {
 /// The rig, the user's options and the pictures.
 pub(super) struct Inputs {
     pub known: KnownRig,
-    pub asked: Asked,
-    pub kind: Kind,
+    pub options: EnvironmentOptions,
+    pub kind: EnvironmentCameraKind,
     /// Lens of the camera that looks at a mirrored sphere.
     pub camera: Option<PinholeCamera>,
     pub map: TagMap,
@@ -85,22 +85,24 @@ impl Inputs {
     ///
     /// # Errors
     /// See [`super::EnvironmentStep::new`].
-    pub fn new(known: KnownRig, asked: Asked) -> Result<Self, NotReady> {
+    pub fn new(known: KnownRig, asked: EnvironmentOptions) -> Result<Self, NotReady> {
         let view = known.rig.calibration.environment.as_ref().map(|e| &e.view);
         let kind = asked.kind.unwrap_or(match view {
-            Some(EnvironmentView::Sphere { .. }) => Kind::Sphere,
-            _ => Kind::Fisheye,
+            Some(EnvironmentView::Sphere { .. }) => EnvironmentCameraKind::Sphere,
+            _ => EnvironmentCameraKind::Fisheye,
         });
         let camera = match (kind, view, &known.lens) {
-            (Kind::Fisheye, ..) => None,
-            (Kind::Sphere, Some(EnvironmentView::Sphere { camera, .. }), _) => Some(camera.clone()),
-            (Kind::Sphere, _, Some(lens)) => lens.as_pinhole(),
-            (Kind::Sphere, ..) => None,
+            (EnvironmentCameraKind::Fisheye, ..) => None,
+            (EnvironmentCameraKind::Sphere, Some(EnvironmentView::Sphere { camera, .. }), _) => {
+                Some(camera.clone())
+            }
+            (EnvironmentCameraKind::Sphere, _, Some(lens)) => lens.as_pinhole(),
+            (EnvironmentCameraKind::Sphere, ..) => None,
         };
-        if kind == Kind::Sphere && camera.is_none() {
+        if kind == EnvironmentCameraKind::Sphere && camera.is_none() {
             return Err(NotReady::NoLens);
         }
-        if kind == Kind::Sphere && known.rig.mirror_sphere.is_none() {
+        if kind == EnvironmentCameraKind::Sphere && known.rig.mirror_sphere.is_none() {
             return Err(NotReady::NoSphere);
         }
         let map = tag_map(&known.rig)?;
@@ -110,7 +112,7 @@ impl Inputs {
         families.dedup();
         Ok(Self {
             known,
-            asked,
+            options: asked,
             kind,
             camera,
             map,

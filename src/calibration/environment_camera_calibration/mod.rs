@@ -11,6 +11,7 @@
 
 mod assessment;
 mod bright_pixels;
+mod clicks;
 mod gathered;
 mod image_circle;
 mod inputs;
@@ -19,7 +20,6 @@ mod light_matching;
 mod mirror;
 mod observations;
 mod optics;
-mod pairs;
 mod pose;
 mod rays;
 mod report;
@@ -34,7 +34,7 @@ mod tags;
 mod view;
 mod wahba;
 
-pub use inputs::{Asked, Kind, KnownRig, NotReady};
-pub use pairs::{Clicked, Pair, PairError, pairs};
-pub use sphere_outline::RoughBall;
+pub use clicks::{Click, ClickError, ClickTarget, parse_clicks};
+pub use inputs::{EnvironmentCameraKind, EnvironmentOptions, KnownRig, NotReady};
+pub use sphere_outline::RoughSphere;
 pub use step::EnvironmentStep;

@@ -1,20 +1,20 @@
 //! What the environment camera observes at known positions or in known directions: markers, clicks
 //! and lights.
 
-use super::inputs::{Inputs, Kind};
+use super::clicks::ClickTarget;
+use super::inputs::{EnvironmentCameraKind, Inputs};
 use super::light_directions::{
     LightRay, WorldLight, add_direct_lights, add_reflected_lights, mirrored, static_lights,
     triangulate,
 };
 use super::light_matching::{LightDirection, Match, NoMatch, match_lights};
 use super::mirror::{MirrorRotation, SphereView, assign_samples, rotation_from_mirror};
-use super::pairs::Clicked;
 use super::resection::{Observation, Target};
 use super::sphere_outline::Outline;
 use super::tags::detect_tags;
 use super::view::View;
 use glam::{DQuat, DVec2, DVec3};
-use penumbra_fiducials::TagSeen;
+use penumbra_fiducials::TagObservation;
 use penumbra_interface::RigidTransform;
 
 /// 1σ of a fiducial's corner, pixels.
@@ -72,7 +72,10 @@ impl Inputs {
     }
 
     /// Returns the corners of fiducials at known positions, and all fiducials.
-    pub(super) fn marker_observations(&self, view: &View) -> (Vec<ImageObservation>, Vec<TagSeen>) {
+    pub(super) fn marker_observations(
+        &self,
+        view: &View,
+    ) -> (Vec<ImageObservation>, Vec<TagObservation>) {
         let mut out = Vec::new();
         if self.families.is_empty() {
             return (out, Vec::new());
@@ -109,7 +112,7 @@ impl Inputs {
 
     /// Returns the corners of a static fiducial, triangulated from the scene camera's views, with their
     /// 1σ as seen from the environment camera, radians.
-    fn triangulated_corners(&self, tag: &TagSeen) -> Option<[(DVec3, f64); 4]> {
+    fn triangulated_corners(&self, tag: &TagObservation) -> Option<[(DVec3, f64); 4]> {
         let camera = &self.known.rig.calibration.scene_camera.camera;
         let corner = |k: usize| {
             let rays: Vec<LightRay> = (0..self.gathered.views.len())
@@ -143,8 +146,8 @@ impl Inputs {
 
     /// Returns the environment camera's position given by the user or by `rig.json`, world, metres.
     pub(super) fn position(&self) -> Option<DVec3> {
-        self.asked
-            .at
+        self.options
+            .position
             .or_else(|| self.rough_pose().map(|p| p.translation))
     }
 
@@ -152,15 +155,15 @@ impl Inputs {
     /// pose of the scene camera.
     pub(super) fn click_observations(&self, view: &View) -> (Vec<ImageObservation>, usize) {
         let (mut out, mut lost) = (Vec::new(), 0);
-        for pair in &self.asked.pairs {
+        for pair in &self.options.clicks {
             let sigma = CLICK_SIGMA / view.focal();
-            let target = match pair.clicked {
-                Clicked::Point(p) => {
+            let target = match pair.target {
+                ClickTarget::Point(p) => {
                     let distance = self.position().map_or(0.5, |s| s.distance(p)).max(0.02);
                     Some((Target::Point(p), sigma.hypot(HAND_SIGMA / distance)))
                 }
-                Clicked::Towards(d) => Some((Target::Direction(d), sigma)),
-                Clicked::Scene(pixel, seconds) => self
+                ClickTarget::Towards(d) => Some((Target::Direction(d), sigma)),
+                ClickTarget::Scene(pixel, seconds) => self
                     .scene_direction(pixel, seconds)
                     .map(|(d, s)| (Target::Direction(d), sigma.hypot(s))),
             };
@@ -222,7 +225,7 @@ impl Inputs {
             pictures += 1;
             let bright = &self.gathered.views[i].bright;
             match (self.kind, in_scene) {
-                (Kind::Sphere, Some(sphere)) => {
+                (EnvironmentCameraKind::Sphere, Some(sphere)) => {
                     let centre = pose.inverse().transform_point(sphere.centre_in_world);
                     add_reflected_lights(bright, camera, pose, (sphere, centre), &mut rays);
                 }
@@ -230,8 +233,8 @@ impl Inputs {
             }
         }
         let eye = match self.kind {
-            Kind::Sphere => sphere.map(|s| s.centre_in_world),
-            Kind::Fisheye => self.position(),
+            EnvironmentCameraKind::Sphere => sphere.map(|s| s.centre_in_world),
+            EnvironmentCameraKind::Fisheye => self.position(),
         };
         let Some(eye) = eye else { return Vec::new() };
         let mut known = triangulate(&rays, pictures, eye, 0.1);
@@ -291,11 +294,11 @@ impl Inputs {
             .fold(0.0, f64::max);
         // A small sphere in the scene camera's picture yields directions to a few degrees.
         let (min, max) = match self.kind {
-            Kind::Sphere => (0.12, 0.2),
-            Kind::Fisheye => (0.03, 0.1),
+            EnvironmentCameraKind::Sphere => (0.12, 0.2),
+            EnvironmentCameraKind::Fisheye => (0.03, 0.1),
         };
         let tolerance = (4.0 * worst).clamp(min, max);
-        let rough = self.asked.rough.unwrap_or(0.6);
+        let rough = self.options.max_rotation_error.unwrap_or(0.6);
         let near = self.rough_pose().map(|p| (p.rotation, rough));
         let mut found = match_lights(&first, &second, tolerance, near)?;
         let paired: Vec<DVec3> = found.pairs.iter().map(|p| first[p.0].direction).collect();
@@ -312,15 +315,15 @@ impl Inputs {
                 bearing: first[i].direction,
                 target: match self.kind {
                     // Both cameras see the lights from the sphere.
-                    Kind::Sphere if refined.is_some() => {
+                    EnvironmentCameraKind::Sphere if refined.is_some() => {
                         Target::Direction(found.rotation * first[i].direction)
                     }
-                    Kind::Sphere => Target::Direction(second[j].direction),
-                    Kind::Fisheye => world[j].target,
+                    EnvironmentCameraKind::Sphere => Target::Direction(second[j].direction),
+                    EnvironmentCameraKind::Fisheye => world[j].target,
                 },
                 sigma: match &refined {
                     Some(refined) => refined.sigma,
-                    None if self.kind == Kind::Sphere => UNREFINED_SIGMA,
+                    None if self.kind == EnvironmentCameraKind::Sphere => UNREFINED_SIGMA,
                     None => first[i].sigma.hypot(second[j].sigma),
                 },
             },

@@ -3,15 +3,15 @@
 
 use super::super::intrinsics::Grey;
 use super::image_circle::{ImageCircle, image_circle};
-use super::inputs::{Inputs, Kind};
+use super::inputs::{EnvironmentCameraKind, Inputs};
 use super::rays::{RAYS, side};
-use super::sphere_outline::{NoOutline, Outline, RoughBall, outline};
+use super::sphere_outline::{NoOutline, Outline, RoughSphere, outline};
 use super::summary::Summary;
 use super::view::View;
 use glam::{DVec2, DVec3};
 use penumbra_camera::{EnvironmentView, FisheyeLens};
 use penumbra_camera::{LensModel, PinholeCamera};
-use penumbra_lighting::ball_outline;
+use penumbra_lighting::sphere_outline;
 use penumbra_rig_model::Grade;
 use penumbra_rig_model::environment_file::CircleLens;
 
@@ -39,8 +39,8 @@ pub(super) fn optics(inputs: &Inputs, summary: &mut Summary) -> Option<Optics> {
         return None;
     }
     match inputs.kind {
-        Kind::Fisheye => fisheye(inputs, summary),
-        Kind::Sphere => sphere(inputs, summary),
+        EnvironmentCameraKind::Fisheye => fisheye(inputs, summary),
+        EnvironmentCameraKind::Sphere => sphere(inputs, summary),
     }
 }
 
@@ -190,7 +190,7 @@ fn by_circle(
     written: Option<&FisheyeLens>,
     summary: &mut Summary,
 ) -> FisheyeLens {
-    let half = inputs.asked.fov.map(|f| 0.5 * f);
+    let half = inputs.options.fov.map(|f| 0.5 * f);
     let max_theta = half
         .or(written.map(|w| w.max_theta))
         .unwrap_or(std::f64::consts::FRAC_PI_2);
@@ -301,13 +301,13 @@ fn describe_outline(found: &Outline, camera: &PinholeCamera, radius: f64, summar
 
 /// Returns the positions at which to search for the sphere: the user's; else the picture's centre, a
 /// round shape in the picture, and the position by the rig.
-fn rough_spheres(inputs: &Inputs) -> Vec<RoughBall> {
-    if let Some(click) = inputs.asked.click {
+fn rough_spheres(inputs: &Inputs) -> Vec<RoughSphere> {
+    if let Some(click) = inputs.options.rough_sphere {
         return vec![click];
     }
     let (w, h) = inputs.gathered.mean.size;
     let picture_centre = 0.5 * DVec2::new(f64::from(w), f64::from(h));
-    let round = ball_outline(&inputs.gathered.mean.picture());
+    let round = sphere_outline(&inputs.gathered.mean.picture());
     let by_rig = sphere_by_rig(inputs);
     let mut out = Vec::new();
     for centre in [
@@ -318,13 +318,13 @@ fn rough_spheres(inputs: &Inputs) -> Vec<RoughBall> {
     .into_iter()
     .flatten()
     {
-        out.push(RoughBall {
+        out.push(RoughSphere {
             centre,
             radius: None,
         });
-        out.extend(by_rig.map(|s| RoughBall { centre, ..s }));
+        out.extend(by_rig.map(|s| RoughSphere { centre, ..s }));
     }
-    out.extend(round.map(|c| RoughBall {
+    out.extend(round.map(|c| RoughSphere {
         centre: c.centre,
         radius: Some(c.radius),
     }));
@@ -332,14 +332,14 @@ fn rough_spheres(inputs: &Inputs) -> Vec<RoughBall> {
 }
 
 /// Returns the sphere's position in the picture by `rig.json`.
-fn sphere_by_rig(inputs: &Inputs) -> Option<RoughBall> {
+fn sphere_by_rig(inputs: &Inputs) -> Option<RoughSphere> {
     let sphere = inputs.known.rig.mirror_sphere.as_ref()?;
     let in_camera = inputs
         .rough_pose()?
         .inverse()
         .transform_point(sphere.centre_in_world);
     let camera = inputs.camera.as_ref()?;
-    Some(RoughBall {
+    Some(RoughSphere {
         centre: camera.project(in_camera)?,
         radius: Some(camera.focal.min_element() * sphere.radius / in_camera.length()),
     })

@@ -154,7 +154,7 @@ fn unknowns(inputs: &Inputs, optics: &Optics, observations: &[Observation]) -> O
         .mirror_sphere
         .as_ref()
         .map(|s| s.centre_in_world);
-    if points >= 4 && inputs.asked.at.is_none() {
+    if points >= 4 && inputs.options.position.is_none() {
         return Some(Unknowns::Pose);
     }
     match (optics.sphere(), sphere) {

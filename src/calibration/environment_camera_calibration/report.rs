@@ -1,7 +1,7 @@
 //! The step's report: the picture with an overlay of the results, and the residuals.
 
 use super::super::report::{Page, Plot, escaped};
-use super::super::step::{Finished, Made};
+use super::super::step::{CalibrationProvenance, Finished};
 use super::observations::{ImageObservation, ObservationKind};
 use super::optics::Optics;
 use super::pose::PoseResult;
@@ -22,7 +22,11 @@ pub(super) struct ReportContents<'a> {
 }
 
 /// Writes the report as HTML.
-pub(super) fn report(found: &Finished, made: &Made, contents: &ReportContents) -> String {
+pub(super) fn report(
+    found: &Finished,
+    made: &CalibrationProvenance,
+    contents: &ReportContents,
+) -> String {
     let facts = [format!("{}, from {}", made.date, made.source)];
     let mut page = Page::new("Environment camera", &facts);
     page.verdict(found);

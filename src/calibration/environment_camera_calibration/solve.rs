@@ -1,7 +1,7 @@
 //! Computes the calibration from everything gathered, with its report.
 
-use super::super::step::{Finished, Made};
-use super::inputs::{Inputs, Kind};
+use super::super::step::{CalibrationProvenance, Finished};
+use super::inputs::{EnvironmentCameraKind, Inputs};
 use super::optics::{Optics, optics};
 use super::pose::{PoseResult, estimate_pose};
 use super::report::{ReportContents, report};
@@ -12,7 +12,7 @@ use penumbra_rig_model::Header;
 use penumbra_rig_model::environment_file::{EnvironmentRecord, PoseRecord, STEP, SphereRecord};
 
 /// Computes lens and pose, grades them and writes file and report.
-pub(super) fn finish(inputs: &Inputs, made: &Made) -> Finished {
+pub(super) fn finish(inputs: &Inputs, made: &CalibrationProvenance) -> Finished {
     let mut summary = Summary::default();
     if inputs.gathered.mean.count == 0 {
         summary.finding(Grade::Refused, "there is no picture of the environment camera; record with both cameras, or import the session with its env/ folder");
@@ -36,7 +36,7 @@ pub(super) fn finish(inputs: &Inputs, made: &Made) -> Finished {
         lines: summary.lines,
         findings: summary.findings,
         hints: summary.hints,
-        page: String::new(),
+        report: String::new(),
         file: None,
     };
     if let (Some(optics), Some(pose)) = (&optics, &pose) {
@@ -51,7 +51,7 @@ pub(super) fn finish(inputs: &Inputs, made: &Made) -> Finished {
         optics: optics.as_ref(),
         pose: pose.as_ref(),
     };
-    found.page = report(&found, made, &contents);
+    found.report = report(&found, made, &contents);
     found
 }
 
@@ -82,13 +82,13 @@ fn record(
     EnvironmentRecord {
         header,
         kind: match inputs.kind {
-            Kind::Fisheye => "fisheye",
-            Kind::Sphere => "sphere",
+            EnvironmentCameraKind::Fisheye => "fisheye",
+            EnvironmentCameraKind::Sphere => "sphere",
         }
         .to_owned(),
         image_size: [size.0, size.1],
         lens: optics.lens.clone(),
-        world_from_camera: PoseRecord::of(&pose.world_from_camera),
+        world_from_camera: PoseRecord::from_pose(&pose.world_from_camera),
         by: pose.by.to_owned(),
         turn_sigma_degrees: resection.map(|p| p.rotation_sigma.to_array().map(f64::to_degrees)),
         place_sigma: resection

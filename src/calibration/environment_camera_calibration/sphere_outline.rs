@@ -15,7 +15,7 @@
 mod cone;
 mod search;
 
-pub use search::RoughBall;
+pub use search::RoughSphere;
 
 use super::super::intrinsics::Grey;
 use super::rays::{RAYS, Search, noise, side, steps};
@@ -114,7 +114,7 @@ pub enum NoOutline {
 pub fn outline(
     planes: &[Grey; 3],
     camera: &PinholeCamera,
-    rough: RoughBall,
+    rough: RoughSphere,
 ) -> Result<Outline, NoOutline> {
     let planes = planes.each_ref();
     let size = DVec2::new(planes[0].width as f64, planes[0].height as f64);

@@ -1,12 +1,15 @@
 //! The calibration step `environment`: gathers pictures and poses, and reports the progress.
 
-use super::super::step::{Eye, Finished, Made, Progress, Shown, ShownPicture, Step, Wants};
+use super::super::step::{
+    CalibrationProvenance, CameraRole, Finished, PictureInput, Progress, Step, StepInput,
+    StepInputs,
+};
 use super::bright_pixels::BrightPixels;
 use super::gathered::SceneView;
-use super::inputs::{Asked, Inputs, KnownRig, NotReady};
+use super::inputs::{EnvironmentOptions, Inputs, KnownRig, NotReady};
 use super::solve;
 use glam::DVec2;
-use penumbra_fiducials::{Detector, Registrar, Registration};
+use penumbra_fiducials::{Detector, Registrar, RegistrationMethod};
 use penumbra_rig_model::environment_file::STEP;
 
 /// Number of pictures of the environment camera that suffices.
@@ -28,7 +31,7 @@ impl EnvironmentStep {
     /// # Errors
     /// For a mirrored sphere, the camera's lens or the sphere's radius is unknown; a marker has an
     /// unknown family or a duplicate number.
-    pub fn new(known: KnownRig, asked: Asked) -> Result<Self, NotReady> {
+    pub fn new(known: KnownRig, asked: EnvironmentOptions) -> Result<Self, NotReady> {
         let inputs = Inputs::new(known, asked)?;
         let response = &inputs.known.rig.calibration.scene_camera.response;
         Ok(Self {
@@ -39,7 +42,7 @@ impl EnvironmentStep {
         })
     }
 
-    fn add_scene_picture(&mut self, shown: &ShownPicture) {
+    fn add_scene_picture(&mut self, shown: &PictureInput) {
         let camera = &self.inputs.known.rig.calibration.scene_camera;
         let fits = (shown.picture.width, shown.picture.height)
             == (camera.camera.width, camera.camera.height);
@@ -58,7 +61,7 @@ impl EnvironmentStep {
         };
         self.overlay_points = tags.iter().flat_map(|t| t.corners).collect();
         let found = self.registrar.register(&camera.camera, &tags, at);
-        let unambiguous = found.filter(|f| f.how != Registration::TagGuessed);
+        let unambiguous = found.filter(|f| f.method != RegistrationMethod::TagGuessed);
         self.inputs.gathered.add_scene_view(SceneView {
             at,
             seconds: shown.seconds,
@@ -74,8 +77,8 @@ impl Step for EnvironmentStep {
         STEP
     }
 
-    fn wants(&self) -> Wants {
-        Wants {
+    fn inputs(&self) -> StepInputs {
+        StepInputs {
             scene: true,
             environment: true,
             brackets: false,
@@ -84,16 +87,16 @@ impl Step for EnvironmentStep {
         }
     }
 
-    fn look(&mut self, shown: &Shown) {
+    fn observe(&mut self, shown: &StepInput) {
         match shown {
-            Shown::Picture(shown) if shown.eye == Eye::Environment => {
+            StepInput::Picture(shown) if shown.camera == CameraRole::Environment => {
                 let response = self.inputs.response();
                 self.inputs
                     .gathered
                     .add_environment_picture(shown.picture, &response);
             }
-            Shown::Picture(shown) => self.add_scene_picture(shown),
-            Shown::Pose(sample) => {
+            StepInput::Picture(shown) => self.add_scene_picture(shown),
+            StepInput::Pose(sample) => {
                 let tracker = self.inputs.known.rig.calibration.tracker.as_ref();
                 if let Some(tracker) = tracker.filter(|_| sample.station == 1) {
                     let at = tracker.measured_at(sample.arrived_at);
@@ -122,12 +125,12 @@ impl Step for EnvironmentStep {
                 with_markers.count()
             ),
             hint: hint.to_owned(),
-            marks: self.overlay_points.clone(),
-            eye: Some(Eye::Scene),
+            overlay_points: self.overlay_points.clone(),
+            camera: Some(CameraRole::Scene),
         }
     }
 
-    fn finish(&mut self, made: &Made) -> Finished {
+    fn finish(&mut self, made: &CalibrationProvenance) -> Finished {
         solve::finish(&self.inputs, made)
     }
 }

@@ -7,7 +7,7 @@ use super::view::View;
 use glam::{DMat3, DVec2, DVec3};
 use penumbra_camera::FisheyeLens;
 use penumbra_camera::Response;
-use penumbra_fiducials::{Detector, Family, TagSeen};
+use penumbra_fiducials::{Detector, Family, TagObservation};
 
 /// Half of a view's angle, radians: views overlap by the size of a tag.
 const HALF_ANGLE: f64 = 0.66;
@@ -24,9 +24,9 @@ pub fn detect_tags(
     view: &View,
     families: &[Family],
     response: &Response,
-) -> Vec<TagSeen> {
+) -> Vec<TagObservation> {
     let mut detector = Detector::new(families, response);
-    let mut seen: Vec<TagSeen> = match view {
+    let mut seen: Vec<TagObservation> = match view {
         View::Pinhole(camera) => {
             let bytes: Vec<u8> = codes.data.iter().map(|v| v.round() as u8).collect();
             detector
@@ -36,7 +36,7 @@ pub fn detect_tags(
         View::Fisheye(lens) => through_fisheye(codes, lens, &mut detector),
     };
     seen.sort_by(|a, b| b.margin.total_cmp(&a.margin));
-    let mut once: Vec<TagSeen> = Vec::new();
+    let mut once: Vec<TagObservation> = Vec::new();
     for tag in seen {
         if !once
             .iter()
@@ -48,7 +48,11 @@ pub fn detect_tags(
     once
 }
 
-fn through_fisheye(codes: &Grey, lens: &FisheyeLens, detector: &mut Detector) -> Vec<TagSeen> {
+fn through_fisheye(
+    codes: &Grey,
+    lens: &FisheyeLens,
+    detector: &mut Detector,
+) -> Vec<TagObservation> {
     let focal = OVERSAMPLING * lens.focal;
     let side = (2.0 * HALF_ANGLE.tan() * focal).min(MAX_SIDE);
     let focal = side / (2.0 * HALF_ANGLE.tan());
@@ -69,7 +73,7 @@ fn through_fisheye(codes: &Grey, lens: &FisheyeLens, detector: &mut Detector) ->
         for tag in detector.detect_grey(&flat, side, side, None) {
             let corners = tag.corners.map(|c| lens.project(direction(c)));
             if let [Some(a), Some(b), Some(c), Some(d)] = corners {
-                found.push(TagSeen {
+                found.push(TagObservation {
                     corners: [a, b, c, d],
                     ..*tag
                 });

@@ -2,7 +2,6 @@
 use super::*;
 use glam::DVec2;
 use proptest::prelude::*;
-use std::path::Path;
 
 fn lens(model: LensModel, coefficients: &[f64]) -> NamedLens {
     let lens = Lens::ideal(
@@ -84,11 +83,9 @@ fn reads_files_of_all_three_programs() {
 
 #[test]
 fn reads_files_written_by_opencv() {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data/calibration");
-    if !folder.is_dir() {
-        eprintln!("skipped: no ../../../shared/data/calibration");
+    let Some(folder) = penumbra_test_data::shared("data/calibration") else {
         return;
-    }
+    };
     let text = |name: &str| std::fs::read_to_string(folder.join(name)).unwrap();
     let left = read(&text("opencv_stereo_chess/left_intrinsics.yml"), None).unwrap();
     assert_eq!(left[0].lens.focal.x, 535.915_733_961_632);

@@ -5,10 +5,13 @@ use super::pose_finder::{CameraPose, Landmarks, PoseFinder};
 use super::readings::Readings;
 use crate::intrinsics::Grey;
 use crate::latency::{
-    CameraMotion, CameraRotation, ClockOffset, Flow, ImageMotion, LatencyError, Means, Mounted,
-    TrackerTrack, from_flow, from_image_motion, from_rotations,
+    CameraMotion, CameraRotation, ClockOffset, Flow, ImageMotion, LatencyError, MountedCamera,
+    OffsetMethod, TrackerTrack, from_flow, from_image_motion, from_rotations,
 };
-use crate::step::{Eye, Finished, Made, Progress, Shown, ShownPicture, Step, Wants};
+use crate::step::{
+    CalibrationProvenance, CameraRole, Finished, PictureInput, Progress, Step, StepInput,
+    StepInputs,
+};
 use penumbra_interface::MonotonicTime;
 use penumbra_numerics::median;
 use penumbra_rig_model::Grade;
@@ -54,7 +57,7 @@ pub(super) struct CameraFlow {
 }
 
 impl CameraFlow {
-    fn add(&mut self, shown: &ShownPicture) {
+    fn add(&mut self, shown: &PictureInput) {
         self.pictures += 1;
         let moved = self.flow.next(&Grey::from_picture(shown.picture));
         let before = self.last.replace(shown.captured_at);
@@ -145,9 +148,9 @@ pub struct LatencyStep {
 
 /// Offsets of both cameras.
 pub(super) struct Offsets {
-    pub scene: Result<(ClockOffset, Means), LatencyError>,
+    pub scene: Result<(ClockOffset, OffsetMethod), LatencyError>,
     /// Result of the other method, where both have one.
-    pub check: Option<(ClockOffset, Means)>,
+    pub check: Option<(ClockOffset, OffsetMethod)>,
     pub environment: Option<Result<ClockOffset, LatencyError>>,
 }
 
@@ -180,10 +183,10 @@ impl LatencyStep {
         let (zero, track) = (self.zero?, self.track()?);
         let range = self.options.range;
         let poses = from_rotations(&track, &camera_rotations(&self.camera_poses, zero), range);
-        let mounted = Mounted::scene_camera(&self.rig);
+        let mounted = MountedCamera::scene_camera(&self.rig);
         let flow = from_image_motion(&track, &self.scene.motions(zero), mounted.as_ref(), range);
         let (scene, check) = match (poses, flow) {
-            (Ok(poses), flow) => (Ok((poses, Means::Poses)), flow.ok()),
+            (Ok(poses), flow) => (Ok((poses, OffsetMethod::Poses)), flow.ok()),
             (Err(_), Ok(flow)) => (Ok(flow), None),
             // The error of the poses is more useful, where there are enough of them.
             (Err(poses), Err(flow)) => {
@@ -207,7 +210,7 @@ impl LatencyStep {
 
     fn record(&self, offsets: &Offsets, header: Header) -> Option<LatencyRecord> {
         let (scene, method) = offsets.scene.as_ref().ok()?;
-        let offset = |found: &ClockOffset, method: Means| OffsetRecord {
+        let offset = |found: &ClockOffset, method: OffsetMethod| OffsetRecord {
             seconds: found.seconds,
             sigma: found.sigma,
             correlation: found.correlation,
@@ -218,7 +221,7 @@ impl LatencyStep {
         Some(LatencyRecord {
             header,
             tracker_minus_scene: offset(scene, *method),
-            tracker_minus_environment: environment.map(|e| offset(e, Means::Flow)),
+            tracker_minus_environment: environment.map(|e| offset(e, OffsetMethod::Flow)),
         })
     }
 }
@@ -228,8 +231,8 @@ impl Step for LatencyStep {
         "latency"
     }
 
-    fn wants(&self) -> Wants {
-        Wants {
+    fn inputs(&self) -> StepInputs {
+        StepInputs {
             scene: true,
             environment: true,
             brackets: false,
@@ -238,13 +241,13 @@ impl Step for LatencyStep {
         }
     }
 
-    fn look(&mut self, shown: &Shown) {
+    fn observe(&mut self, shown: &StepInput) {
         match shown {
-            Shown::Pose(sample) => self.readings.push(sample),
-            Shown::Picture(picture) if picture.eye == Eye::Environment => {
+            StepInput::Pose(sample) => self.readings.push(sample),
+            StepInput::Picture(picture) if picture.camera == CameraRole::Environment => {
                 self.environment.add(picture);
             }
-            Shown::Picture(picture) => {
+            StepInput::Picture(picture) => {
                 self.zero.get_or_insert(picture.captured_at);
                 self.scene.add(picture);
                 let finder = self.pose_finder.as_mut();
@@ -269,12 +272,12 @@ impl Step for LatencyStep {
             } else {
                 String::new()
             },
-            marks: self.overlay_points.clone(),
-            eye: Some(Eye::Scene),
+            overlay_points: self.overlay_points.clone(),
+            camera: Some(CameraRole::Scene),
         }
     }
 
-    fn finish(&mut self, made: &Made) -> Finished {
+    fn finish(&mut self, made: &CalibrationProvenance) -> Finished {
         let offsets = self.offsets();
         let mut findings = self.assess(offsets.as_ref());
         let grade = grade(&mut findings);
@@ -283,10 +286,10 @@ impl Step for LatencyStep {
             lines: offsets.as_ref().map_or_else(Vec::new, |o| self.lines(o)),
             findings,
             hints: Vec::new(),
-            page: String::new(),
+            report: String::new(),
             file: None,
         };
-        found.page = self.report(made, &found, offsets.as_ref());
+        found.report = self.report(made, &found, offsets.as_ref());
         if grade != Grade::Refused {
             let header = found.header("latency", made);
             let record = offsets.and_then(|o| self.record(&o, header));

@@ -1,9 +1,9 @@
 //! The report of the step `latency`.
 
 use super::latency::{LatencyStep, Offsets, camera_rotations};
-use crate::latency::{CameraMotion, Means, TrackerTrack};
+use crate::latency::{CameraMotion, OffsetMethod, TrackerTrack};
 use crate::report::{Page, Plot};
-use crate::step::{Finished, Made};
+use crate::step::{CalibrationProvenance, Finished};
 use penumbra_numerics::rotation_vector;
 
 /// Step of the plotted correlation, seconds.
@@ -12,7 +12,7 @@ const STEP: f64 = 0.002;
 impl LatencyStep {
     pub(super) fn report(
         &self,
-        made: &Made,
+        made: &CalibrationProvenance,
         found: &Finished,
         offsets: Option<&Offsets>,
     ) -> String {
@@ -39,7 +39,7 @@ impl LatencyStep {
                 .collect();
             let by_flow = amounts(&self.scene.motions(zero));
             let shown = match scene {
-                Some((_, Means::Poses)) => &by_poses,
+                Some((_, OffsetMethod::Poses)) => &by_poses,
                 _ => &by_flow,
             };
             let offset = scene.map_or(0.0, |s| s.0.seconds);

@@ -8,7 +8,9 @@ use super::pose_finder::{CameraPose, Landmarks, PoseFinder};
 use super::readings::{Readings, between};
 use crate::hand_eye::{HandEye, PosePair, hand_eye};
 use crate::latency::{LatencyError, from_rotations};
-use crate::step::{Eye, Finished, Made, Progress, Shown, Step, Wants};
+use crate::step::{
+    CalibrationProvenance, CameraRole, Finished, Progress, Step, StepInput, StepInputs,
+};
 use glam::DVec2;
 use penumbra_interface::MonotonicTime;
 use penumbra_numerics::rotation_vector;
@@ -190,7 +192,7 @@ impl MountingStep {
         let is_new =
             offset.is_estimated || matches!(self.options.latency, LatencyChoice::Seconds(_));
         let distortion = result.accepted_field().map(|field| {
-            let mut record = FieldRecord::of(field);
+            let mut record = FieldRecord::from_field(field);
             if let Some(fit) = &result.field {
                 record.held_out_position = [fit.before.0, fit.after.0];
                 record.held_out_rotation = [fit.before.1, fit.after.1];
@@ -275,8 +277,8 @@ impl Step for MountingStep {
         "tracker"
     }
 
-    fn wants(&self) -> Wants {
-        Wants {
+    fn inputs(&self) -> StepInputs {
+        StepInputs {
             scene: true,
             environment: false,
             brackets: false,
@@ -285,10 +287,10 @@ impl Step for MountingStep {
         }
     }
 
-    fn look(&mut self, shown: &Shown) {
+    fn observe(&mut self, shown: &StepInput) {
         match shown {
-            Shown::Pose(sample) => self.readings.push(sample),
-            Shown::Picture(picture) => {
+            StepInput::Pose(sample) => self.readings.push(sample),
+            StepInput::Picture(picture) => {
                 self.pictures += 1;
                 let found = self.pose_finder.find(picture.picture, picture.captured_at);
                 self.overlay_points = found.as_ref().map_or_else(Vec::new, |f| f.points.clone());
@@ -312,12 +314,12 @@ impl Step for MountingStep {
                 self.readings.len()
             ),
             hint: hint.to_owned(),
-            marks: self.overlay_points.clone(),
-            eye: Some(Eye::Scene),
+            overlay_points: self.overlay_points.clone(),
+            camera: Some(CameraRole::Scene),
         }
     }
 
-    fn finish(&mut self, made: &Made) -> Finished {
+    fn finish(&mut self, made: &CalibrationProvenance) -> Finished {
         let result = self.solve();
         let mut findings = match &result {
             Ok(result) => self.assess(result),
@@ -331,10 +333,10 @@ impl Step for MountingStep {
                 .map_or_else(|_| Vec::new(), |r| self.lines(r)),
             findings,
             hints: Vec::new(),
-            page: String::new(),
+            report: String::new(),
             file: None,
         };
-        found.page = self.report(made, &found, result.as_ref().ok());
+        found.report = self.report(made, &found, result.as_ref().ok());
         if let (Ok(result), true) = (&result, grade != Grade::Refused) {
             let record = self.record(result, found.header("tracker", made));
             found.file = serde_json::to_string_pretty(&record).ok();

@@ -3,7 +3,7 @@
 use super::mounting::{MountingResult, MountingStep};
 use crate::hand_eye::{HandEye, PosePair};
 use crate::report::{Page, Plot};
-use crate::step::{Finished, Made};
+use crate::step::{CalibrationProvenance, Finished};
 use glam::{DVec3, EulerRot};
 use penumbra_interface::{MonotonicTime, RigidTransform};
 use penumbra_numerics::rotation_vector;
@@ -58,7 +58,7 @@ impl MountingStep {
 
     pub(super) fn report(
         &self,
-        made: &Made,
+        made: &CalibrationProvenance,
         found: &Finished,
         result: Option<&MountingResult>,
     ) -> String {

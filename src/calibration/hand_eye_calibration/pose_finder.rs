@@ -6,7 +6,7 @@ use crate::simulation::lying;
 use glam::{DVec2, DVec3};
 use penumbra_camera::Lens;
 use penumbra_camera::PinholeCamera;
-use penumbra_fiducials::{Detector, Registrar, Registration, TagMap, TagSeen};
+use penumbra_fiducials::{Detector, Registrar, RegistrationMethod, TagMap, TagObservation};
 use penumbra_interface::{MonotonicTime, RigidTransform};
 use penumbra_numerics::root_mean_square;
 use penumbra_picture::Picture;
@@ -77,10 +77,10 @@ impl PoseFinder {
                 let (detector, registrar, camera) = &mut **tags;
                 let seen = detector.detect(picture, Some(&*camera));
                 let found = registrar.register(camera, seen, stamp)?;
-                if found.how == Registration::TagGuessed {
+                if found.method == RegistrationMethod::TagGuessed {
                     return None;
                 }
-                let known = |t: &&TagSeen| registrar.map().get(t.family, t.id).is_some();
+                let known = |t: &&TagObservation| registrar.map().get(t.family, t.id).is_some();
                 let points = seen.iter().filter(known).flat_map(|t| t.corners).collect();
                 Some(CameraPose {
                     stamp,

@@ -4,8 +4,8 @@
 use super::mounting::MountingOptions;
 use super::pose_finder::CameraPose;
 use super::*;
-use crate::simulation::{Motion, Rehearsal, RehearsalOptions};
-use crate::step::{Finished, Made, Shown, Step};
+use crate::simulation::{Motion, SimulatedRig, SimulationOptions};
+use crate::step::{CalibrationProvenance, Finished, Step, StepInput};
 use glam::DQuat;
 use penumbra_fiducials::TagMap;
 use penumbra_interface::{MonotonicTime, PoseSample, RigidTransform};
@@ -15,7 +15,7 @@ use penumbra_rig_model::RigDocument;
 use penumbra_rig_model::latency_file::{LATENCY, apply_latency_file};
 use penumbra_rig_model::tracker_file::{TRACKER, apply_tracker_file};
 
-fn rig(rehearsal: &Rehearsal) -> RigDocument {
+fn rig(rehearsal: &SimulatedRig) -> RigDocument {
     RigDocument::parse(rehearsal.rig_json().to_string().as_bytes()).unwrap()
 }
 
@@ -36,7 +36,7 @@ fn noisy(
 }
 
 /// The pose of every picture with the noise of tags, 0.05° and 0.6 mm; some are flipped.
-fn camera_poses(rehearsal: &Rehearsal, random: &mut Random) -> Vec<CameraPose> {
+fn camera_poses(rehearsal: &SimulatedRig, random: &mut Random) -> Vec<CameraPose> {
     let options = &rehearsal.options;
     let count = (30.0 * options.seconds) as i32;
     let one = |i: i32| {
@@ -55,7 +55,7 @@ fn camera_poses(rehearsal: &Rehearsal, random: &mut Random) -> Vec<CameraPose> {
     (0..count).map(one).collect()
 }
 
-fn readings(rehearsal: &Rehearsal, random: &mut Random) -> Vec<PoseSample> {
+fn readings(rehearsal: &SimulatedRig, random: &mut Random) -> Vec<PoseSample> {
     let options = &rehearsal.options;
     let count = (120.0 * (options.seconds + 1.0)) as i32;
     let one = |i: i32| {
@@ -70,21 +70,21 @@ fn readings(rehearsal: &Rehearsal, random: &mut Random) -> Vec<PoseSample> {
     (0..count).map(one).collect()
 }
 
-fn mounted(options: RehearsalOptions, wanted: MountingOptions) -> (Rehearsal, Finished) {
-    let rehearsal = Rehearsal::new(options);
+fn mounted(options: SimulationOptions, wanted: MountingOptions) -> (SimulatedRig, Finished) {
+    let rehearsal = SimulatedRig::new(options);
     let mut random = Random::new(rehearsal.options.seed + 77);
     let tags = TagMap::new(rehearsal.tags.clone()).unwrap();
     let mut step = MountingStep::new(&rig(&rehearsal).calibration, Landmarks::Tags(tags), wanted);
     for sample in readings(&rehearsal, &mut random) {
-        step.look(&Shown::Pose(&sample));
+        step.observe(&StepInput::Pose(&sample));
     }
     step.camera_poses = camera_poses(&rehearsal, &mut random);
-    let found = step.finish(&Made::default());
+    let found = step.finish(&CalibrationProvenance::default());
     (rehearsal, found)
 }
 
 /// The rig's calibration with the result applied.
-fn applied(rehearsal: &Rehearsal, found: &Finished) -> RigDocument {
+fn applied(rehearsal: &SimulatedRig, found: &Finished) -> RigDocument {
     let file = found.file.clone().expect("a file");
     let mut rig = rig(rehearsal);
     let get = |name: &str| match name {
@@ -100,7 +100,7 @@ fn applied(rehearsal: &Rehearsal, found: &Finished) -> RigDocument {
 }
 
 /// Returns the error of the camera's mounting, metres and degrees.
-fn mounting_error(rehearsal: &Rehearsal, rig: &RigDocument) -> (f64, f64) {
+fn mounting_error(rehearsal: &SimulatedRig, rig: &RigDocument) -> (f64, f64) {
     let found = rig.calibration.tracker.as_ref().unwrap();
     let (a, b) = (found.sensor_from_scene_camera, rehearsal.sensor_from_camera);
     (
@@ -110,7 +110,7 @@ fn mounting_error(rehearsal: &Rehearsal, rig: &RigDocument) -> (f64, f64) {
 }
 
 /// Returns the RMS position error of the composed pose on another path through the same room, metres.
-fn registration_rms(rehearsal: &Rehearsal, rig: &RigDocument) -> f64 {
+fn registration_rms(rehearsal: &SimulatedRig, rig: &RigDocument) -> f64 {
     let tracker = rig.calibration.tracker.as_ref().unwrap();
     let mut random = Random::new(9);
     let mut sum = 0.0;
@@ -126,13 +126,13 @@ fn registration_rms(rehearsal: &Rehearsal, rig: &RigDocument) -> f64 {
 #[test]
 fn recovers_mounting_within_a_millimetre_and_a_tenth_of_a_degree() {
     for seed in 1..7 {
-        let options = RehearsalOptions {
+        let options = SimulationOptions {
             seed,
             tracker_noise: (0.6, 0.1),
             camera_latency: 0.006,
             gaps: 0.05,
             jumps: 0.01,
-            ..RehearsalOptions::default()
+            ..SimulationOptions::default()
         };
         let (rehearsal, found) = mounted(options, MountingOptions::default());
         assert_eq!(found.grade, Grade::Good, "{seed}: {:?}", found.findings);
@@ -151,18 +151,18 @@ fn recovers_mounting_within_a_millimetre_and_a_tenth_of_a_degree() {
         );
         let latency = 1e-9 * tracker.latency_nanos as f64;
         assert!((latency - 0.0173).abs() < 0.002, "{seed}: {latency}");
-        assert!(found.page.contains("<svg") && !found.page.contains("NaN"));
+        assert!(found.report.contains("<svg") && !found.report.contains("NaN"));
     }
 }
 
 #[test]
 fn corrects_distortion_only_where_that_helps() {
     for seed in [3, 11] {
-        let bent = RehearsalOptions {
+        let bent = SimulationOptions {
             seed,
             metal: 0.012,
             seconds: 40.0,
-            ..RehearsalOptions::default()
+            ..SimulationOptions::default()
         };
         let wanted = MountingOptions {
             distortion: true,
@@ -181,9 +181,9 @@ fn corrects_distortion_only_where_that_helps() {
             after < 0.6 * before && after < 0.003,
             "{seed}: {before} {after}"
         );
-        let straight = RehearsalOptions {
+        let straight = SimulationOptions {
             seed,
-            ..RehearsalOptions::default()
+            ..SimulationOptions::default()
         };
         let (rehearsal, found) = mounted(straight, wanted);
         let rig = applied(&rehearsal, &found);
@@ -206,9 +206,9 @@ fn refuses_degenerate_motion_with_its_reason() {
         (Motion::Slide, "degrees at most"),
         (Motion::Still, "degrees at most"),
     ] {
-        let options = RehearsalOptions {
+        let options = SimulationOptions {
             motion,
-            ..RehearsalOptions::default()
+            ..SimulationOptions::default()
         };
         let (_, found) = mounted(options, MountingOptions::default());
         assert_eq!(found.grade, Grade::Refused, "{motion:?}");
@@ -220,7 +220,7 @@ fn refuses_degenerate_motion_with_its_reason() {
 
 #[test]
 fn reports_missing_readings() {
-    let rehearsal = Rehearsal::new(RehearsalOptions::default());
+    let rehearsal = SimulatedRig::new(SimulationOptions::default());
     let tags = TagMap::new(rehearsal.tags.clone()).unwrap();
     let calibration = rig(&rehearsal).calibration;
     let mut step = MountingStep::new(
@@ -228,28 +228,28 @@ fn reports_missing_readings() {
         Landmarks::Tags(tags),
         MountingOptions::default(),
     );
-    let found = step.finish(&Made::default());
+    let found = step.finish(&CalibrationProvenance::default());
     assert!(found.findings[0].1.contains("no tracker readings"));
-    step.look(&Shown::Pose(&PoseSample {
+    step.observe(&StepInput::Pose(&PoseSample {
         station: 2,
         transmitter_from_sensor: RigidTransform::IDENTITY,
         arrived_at: instant(0.0),
         error: None,
     }));
-    let found = step.finish(&Made::default());
+    let found = step.finish(&CalibrationProvenance::default());
     assert!(
         found.findings[0].1.contains("only of 2"),
         "{:?}",
         found.findings
     );
     let mut step = LatencyStep::new(&calibration, None, LatencyOptions::default());
-    let found = step.finish(&Made::default());
+    let found = step.finish(&CalibrationProvenance::default());
     assert!(found.grade == Grade::Refused && found.file.is_none());
 }
 
 /// Runs the step on poses alone: rendered tests cover the pictures.
-fn latency(options: RehearsalOptions) -> (Rehearsal, Finished) {
-    let rehearsal = Rehearsal::new(options);
+fn latency(options: SimulationOptions) -> (SimulatedRig, Finished) {
+    let rehearsal = SimulatedRig::new(options);
     let mut random = Random::new(rehearsal.options.seed + 5);
     let mut step = LatencyStep::new(
         &rig(&rehearsal).calibration,
@@ -257,23 +257,23 @@ fn latency(options: RehearsalOptions) -> (Rehearsal, Finished) {
         LatencyOptions::default(),
     );
     for sample in readings(&rehearsal, &mut random) {
-        step.look(&Shown::Pose(&sample));
+        step.observe(&StepInput::Pose(&sample));
     }
     step.camera_poses = camera_poses(&rehearsal, &mut random);
     step.zero = step.camera_poses.first().map(|s| s.stamp);
-    let found = step.finish(&Made::default());
+    let found = step.finish(&CalibrationProvenance::default());
     (rehearsal, found)
 }
 
 #[test]
 fn recovers_latency_within_a_millisecond() {
     for seed in 1..6 {
-        let options = RehearsalOptions {
+        let options = SimulationOptions {
             seed,
             tracker_latency: 0.004 * seed as f64,
             camera_latency: 0.01,
             tracker_noise: (0.5, 0.1),
-            ..RehearsalOptions::default()
+            ..SimulationOptions::default()
         };
         let (rehearsal, found) = latency(options.clone());
         assert_eq!(found.grade, Grade::Good, "{:?}", found.findings);
@@ -289,10 +289,10 @@ fn recovers_latency_within_a_millisecond() {
 #[test]
 fn refuses_motion_that_does_not_determine_the_latency() {
     for motion in [Motion::Still, Motion::Slide] {
-        let options = RehearsalOptions {
+        let options = SimulationOptions {
             motion,
             tracker_noise: (0.5, 0.1),
-            ..RehearsalOptions::default()
+            ..SimulationOptions::default()
         };
         let (_, found) = latency(options);
         assert_eq!(found.grade, Grade::Refused, "{motion:?} {:?}", found.lines);
@@ -302,7 +302,7 @@ fn refuses_motion_that_does_not_determine_the_latency() {
 
 #[test]
 fn rejects_refused_or_invalid_files() {
-    let (rehearsal, found) = mounted(RehearsalOptions::default(), MountingOptions::default());
+    let (rehearsal, found) = mounted(SimulationOptions::default(), MountingOptions::default());
     let file = found.file.unwrap();
     for (from, to, message) in [
         (

@@ -3,7 +3,7 @@
 use super::board::View;
 use super::pose::{by_pose, moved};
 use glam::DVec2;
-use penumbra_camera::{Lens, MOST_PARAMETERS};
+use penumbra_camera::{Lens, MAX_PARAMETERS};
 use penumbra_interface::RigidTransform;
 use penumbra_numerics::Matrix;
 
@@ -13,7 +13,7 @@ const MOST_DAMPING: f64 = 1e10;
 /// Mapping from lens parameters to unknowns; parameters of the same unknown are equal.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct Unknowns {
-    column_of: [Option<usize>; MOST_PARAMETERS],
+    column_of: [Option<usize>; MAX_PARAMETERS],
     count: usize,
 }
 
@@ -21,7 +21,7 @@ impl Unknowns {
     /// Creates the unknowns: focal lengths (one if pixels are square), the centre if `centre`, and
     /// the first coefficients.
     pub fn new(square_pixels: bool, centre: bool, coefficients: usize) -> Self {
-        let mut column_of = [None; MOST_PARAMETERS];
+        let mut column_of = [None; MAX_PARAMETERS];
         let mut count = 0;
         let mut next = || {
             count += 1;
@@ -44,12 +44,12 @@ impl Unknowns {
     }
 
     /// Returns values per parameter from values per unknown (e.g. a covariance's diagonal).
-    pub fn by_parameter(&self, values: impl Fn(usize) -> f64) -> [f64; MOST_PARAMETERS] {
+    pub fn by_parameter(&self, values: impl Fn(usize) -> f64) -> [f64; MAX_PARAMETERS] {
         self.column_of.map(|column| column.map_or(0.0, &values))
     }
 
     /// Returns derivatives per unknown from derivatives per parameter.
-    pub fn gather(&self, by_parameter: &[DVec2; MOST_PARAMETERS], into: &mut [DVec2]) {
+    pub fn gather(&self, by_parameter: &[DVec2; MAX_PARAMETERS], into: &mut [DVec2]) {
         into.fill(DVec2::ZERO);
         for (column, by) in self.column_of.iter().zip(by_parameter) {
             if let Some(column) = column {

@@ -4,7 +4,7 @@
 use super::estimate::Options;
 use super::finding::Finding;
 use super::gather::Outcome;
-use crate::step::Eye;
+use crate::step::CameraRole;
 use penumbra_camera::EnvironmentView;
 use penumbra_camera::LensModel;
 use penumbra_rig_model::Grade;
@@ -17,7 +17,7 @@ const OTHER_LENS: f64 = 0.15;
 
 /// A camera's lens in the rig's present calibration.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct SaidLens {
+pub struct KnownLens {
     /// Width and height of its pictures.
     pub size: (u32, u32),
     /// Focal length, pixels or (fisheye) pixels per radian.
@@ -28,18 +28,18 @@ pub struct SaidLens {
 
 /// Both cameras' lenses in the rig's present calibration, if known.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct SaidLenses {
+pub struct KnownLenses {
     /// The scene camera's.
-    pub scene: Option<SaidLens>,
+    pub scene: Option<KnownLens>,
     /// The environment camera's.
-    pub environment: Option<SaidLens>,
+    pub environment: Option<KnownLens>,
 }
 
-impl SaidLenses {
+impl KnownLenses {
     /// Returns the lenses of a rig.
     #[must_use]
     pub fn of(rig: &RigDocument) -> Self {
-        let pinhole = |camera: &penumbra_camera::PinholeCamera| SaidLens {
+        let pinhole = |camera: &penumbra_camera::PinholeCamera| KnownLens {
             size: (camera.width, camera.height),
             focal: camera.focal.x,
             fisheye: false,
@@ -48,7 +48,7 @@ impl SaidLenses {
         Self {
             scene: Some(pinhole(&rig.calibration.scene_camera.camera)),
             environment: match view {
-                Some(EnvironmentView::Fisheye { lens, .. }) => Some(SaidLens {
+                Some(EnvironmentView::Fisheye { lens, .. }) => Some(KnownLens {
                     size: (lens.width, lens.height),
                     focal: lens.focal,
                     fisheye: true,
@@ -61,18 +61,18 @@ impl SaidLenses {
 
     /// Returns the lens of one camera.
     #[must_use]
-    pub const fn of_eye(&self, eye: Eye) -> Option<SaidLens> {
+    pub const fn of_eye(&self, eye: CameraRole) -> Option<KnownLens> {
         match eye {
-            Eye::Scene => self.scene,
-            Eye::Environment => self.environment,
+            CameraRole::Scene => self.scene,
+            CameraRole::Environment => self.environment,
         }
     }
 }
 
-const fn other(eye: Eye) -> Eye {
+const fn other(eye: CameraRole) -> CameraRole {
     match eye {
-        Eye::Scene => Eye::Environment,
-        Eye::Environment => Eye::Scene,
+        CameraRole::Scene => CameraRole::Environment,
+        CameraRole::Environment => CameraRole::Scene,
     }
 }
 
@@ -80,8 +80,8 @@ const fn other(eye: Eye) -> Eye {
 #[must_use]
 pub fn contradictions(
     outcome: &Outcome,
-    said: &SaidLenses,
-    eye: Eye,
+    said: &KnownLenses,
+    eye: CameraRole,
     options: &Options,
 ) -> Vec<(Grade, Finding)> {
     let (Some(result), Some(this)) = (&outcome.result, said.of_eye(eye)) else {
@@ -91,7 +91,7 @@ pub fn contradictions(
     let size = (lens.width, lens.height);
     let others = said.of_eye(other(eye));
     let focal = (lens.focal.x * lens.focal.y).sqrt();
-    let off = |said: SaidLens| (focal / said.focal - 1.0).abs();
+    let off = |said: KnownLens| (focal / said.focal - 1.0).abs();
     let mut found = Vec::new();
     let is_others = others.is_some_and(|o| {
         let by_size = o.size == size && this.size != size;
@@ -137,18 +137,18 @@ mod tests {
             square_pixels: true,
         };
         let outcome = gatherer.finish(&options);
-        let said = |size, focal, fisheye| SaidLens {
+        let said = |size, focal, fisheye| KnownLens {
             size,
             focal,
             fisheye,
         };
         let true_one = said((lens.width, lens.height), lens.focal.x, false);
         let told = |scene, environment| {
-            let lenses = SaidLenses {
+            let lenses = KnownLenses {
                 scene: Some(scene),
                 environment,
             };
-            contradictions(&outcome, &lenses, Eye::Scene, &options)
+            contradictions(&outcome, &lenses, CameraRole::Scene, &options)
         };
         assert_eq!(told(true_one, None), []);
         let other = said((lens.width, lens.height), 0.6 * lens.focal.x, false);

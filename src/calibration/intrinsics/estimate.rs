@@ -7,7 +7,7 @@ use super::outliers::{drop_views, judge};
 use super::pose::{board_pose, residual};
 use super::start::start;
 use glam::DVec2;
-use penumbra_camera::{Lens, LensModel, MOST_PARAMETERS};
+use penumbra_camera::{Lens, LensModel, MAX_PARAMETERS};
 use penumbra_interface::RigidTransform;
 use penumbra_numerics::{Matrix, root_mean_square};
 
@@ -28,7 +28,7 @@ pub struct Estimate {
     /// The lens.
     pub lens: Lens,
     /// Standard deviations of fx, fy, cx, cy and the coefficients, in order; 0 where fixed.
-    pub sigma: [f64; MOST_PARAMETERS],
+    pub sigma: [f64; MAX_PARAMETERS],
     /// RMS reprojection error over all points used, pixels: √(mean squared distance), as OpenCV
     /// defines it.
     pub rms: f64,

@@ -25,7 +25,7 @@ pub mod tag_finder;
 pub mod tags;
 pub mod verdict;
 
-pub use crate::intrinsics::consistency_checks::SaidLenses;
+pub use crate::intrinsics::consistency_checks::KnownLenses;
 pub use board::{Board, BoardError, Correspondence, View};
 pub use coverage::{Coverage, Tilt, Uncertainty};
 pub use detect::Grey;

@@ -6,9 +6,11 @@ use super::estimate::Options;
 use super::gather::{Gatherer, Judged, Offer, Outcome};
 use super::report;
 use super::verdict::Verdict;
-use crate::intrinsics::SaidLenses;
+use crate::intrinsics::KnownLenses;
 use crate::intrinsics::consistency_checks::contradictions;
-use crate::step::{Eye, Finished, Made, Progress, Shown, Step, Wants};
+use crate::step::{
+    CalibrationProvenance, CameraRole, Finished, Progress, Step, StepInput, StepInputs,
+};
 use penumbra_picture::Picture;
 use penumbra_rig_model::DeviceRecord;
 use penumbra_rig_model::Grade;
@@ -27,10 +29,10 @@ const LEAST_VIEWS: usize = 4;
 /// Collects views of a board in one camera's pictures and judges the lens.
 #[derive(Clone, Debug)]
 pub struct IntrinsicsStep {
-    eye: Eye,
+    eye: CameraRole,
     board: Board,
     options: Options,
-    said: SaidLenses,
+    said: KnownLenses,
     gatherer: Gatherer,
     pictures: usize,
     last: Option<Offer>,
@@ -42,7 +44,7 @@ pub struct IntrinsicsStep {
 impl IntrinsicsStep {
     /// Of one camera; `said` is what the rig has of both lenses so far.
     #[must_use]
-    pub fn new(eye: Eye, board: Board, options: Options, said: SaidLenses) -> Self {
+    pub fn new(eye: CameraRole, board: Board, options: Options, said: KnownLenses) -> Self {
         Self {
             eye,
             board,
@@ -141,7 +143,7 @@ impl IntrinsicsStep {
     }
 
     /// Returns the result without the report.
-    fn found(&self, outcome: &Outcome, made: &Made) -> Finished {
+    fn found(&self, outcome: &Outcome, made: &CalibrationProvenance) -> Finished {
         let mut findings: Vec<(Grade, String)> = outcome
             .verdict
             .findings
@@ -168,11 +170,16 @@ impl IntrinsicsStep {
             file: self.file(outcome, &findings, made),
             findings,
             hints: outcome.verdict.hints.clone(),
-            page: String::new(),
+            report: String::new(),
         }
     }
 
-    fn file(&self, outcome: &Outcome, findings: &[(Grade, String)], made: &Made) -> Option<String> {
+    fn file(
+        &self,
+        outcome: &Outcome,
+        findings: &[(Grade, String)],
+        made: &CalibrationProvenance,
+    ) -> Option<String> {
         if findings.first().is_some_and(|f| f.0 == Grade::Refused) {
             return None;
         }
@@ -202,19 +209,19 @@ impl Step for IntrinsicsStep {
         "intrinsics"
     }
 
-    fn wants(&self) -> Wants {
-        Wants {
-            scene: self.eye == Eye::Scene,
-            environment: self.eye == Eye::Environment,
+    fn inputs(&self) -> StepInputs {
+        StepInputs {
+            scene: self.eye == CameraRole::Scene,
+            environment: self.eye == CameraRole::Environment,
             brackets: false,
             poses: false,
             spacing: SPACING * (1.0 + (self.pictures as f64 / MANY).floor()),
         }
     }
 
-    fn look(&mut self, shown: &Shown) {
-        if let Shown::Picture(shown) = shown
-            && shown.eye == self.eye
+    fn observe(&mut self, shown: &StepInput) {
+        if let StepInput::Picture(shown) = shown
+            && shown.camera == self.eye
             && shown.bracket_ev == 0.0
         {
             self.look_at(&format!("{:.2} s", shown.seconds), shown.picture);
@@ -228,12 +235,12 @@ impl Step for IntrinsicsStep {
             share: self.share(),
             message: format!("{} views, {points} corners", views.len()),
             hint: self.hint(),
-            marks: self.gatherer.marks().to_vec(),
-            eye: Some(self.eye),
+            overlay_points: self.gatherer.marks().to_vec(),
+            camera: Some(self.eye),
         }
     }
 
-    fn finish(&mut self, made: &Made) -> Finished {
+    fn finish(&mut self, made: &CalibrationProvenance) -> Finished {
         let outcome = self.gatherer.finish(&self.options);
         let mut found = self.found(&outcome, made);
         let facts = [
@@ -241,7 +248,7 @@ impl Step for IntrinsicsStep {
             format!("board {}", self.board),
         ];
         let title = format!("Lens of the {} camera", self.eye.name());
-        found.page = report::page(&found, &outcome, self.gatherer.views(), &title, &facts);
+        found.report = report::page(&found, &outcome, self.gatherer.views(), &title, &facts);
         found
     }
 }

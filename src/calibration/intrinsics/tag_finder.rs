@@ -6,7 +6,7 @@ use super::layout::{Fit, Layout, fit};
 use super::tags::{SeenTag, correspondences, neighbours_foretold};
 use glam::DVec2;
 use penumbra_camera::Response;
-use penumbra_fiducials::{Detector, Family, TagSeen, confirm};
+use penumbra_fiducials::{Detector, Family, TagObservation, read_predicted};
 use std::collections::BTreeMap;
 
 /// Outlines looked at in a picture: the largest boards have that many tags, and there is time.
@@ -57,7 +57,7 @@ impl TagFinder {
     pub fn new(board: &Board) -> Option<Self> {
         let (family, layout) = (board.family()?, Layout::of(board)?);
         let response = Response::srgb();
-        let detector = Detector::new(&[family], &response).with_most_candidates(MOST_CANDIDATES);
+        let detector = Detector::new(&[family], &response).with_max_candidates(MOST_CANDIDATES);
         Some(Self {
             board: *board,
             family,
@@ -139,7 +139,7 @@ impl TagFinder {
                 let picture = (self.codes.as_slice(), size);
                 let which = (self.family, tag.id);
                 let corners = as_printed(&self.board, tag.corners);
-                let found = confirm(picture, &self.response, corners, which)?;
+                let found = read_predicted(picture, &self.response, corners, which)?;
                 Some(seen_tag(&self.board, &found))
             }));
             if tags.len() == known {
@@ -158,7 +158,7 @@ impl TagFinder {
         let others = Family::ALL.into_iter().filter(|f| *f != self.family);
         let others: Vec<Family> = others.collect();
         let detector = self.strangers.get_or_insert_with(|| {
-            Detector::new(&others, &self.response).with_most_candidates(MOST_CANDIDATES)
+            Detector::new(&others, &self.response).with_max_candidates(MOST_CANDIDATES)
         });
         let seen = detector.detect_grey(&self.codes, width, height, None);
         let count = |family: Family| seen.iter().filter(|t| t.family == family).count();
@@ -177,7 +177,7 @@ fn as_printed(board: &Board, corners: [DVec2; 4]) -> [DVec2; 4] {
     }
 }
 
-fn seen_tag(board: &Board, seen: &TagSeen) -> SeenTag {
+fn seen_tag(board: &Board, seen: &TagObservation) -> SeenTag {
     SeenTag {
         id: seen.id,
         corners: as_printed(board, seen.corners),

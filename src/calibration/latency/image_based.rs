@@ -2,7 +2,7 @@
 
 use super::flow::from_flow;
 use super::model::{CameraMotion, ClockOffset, LatencyError};
-use super::mounted::{Mounted, from_patches};
+use super::mounted::{MountedCamera, from_patches};
 use super::track::TrackerTrack;
 
 /// Two results are inconsistent if they differ by more than this number of standard deviations.
@@ -10,7 +10,7 @@ const GATE: f64 = 4.0;
 
 /// Method by which an offset was found.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Means {
+pub enum OffsetMethod {
     /// Poses from tags or a board: [`super::from_rotations`].
     Poses,
     /// Image motion as one similarity: [`from_flow`].
@@ -19,7 +19,7 @@ pub enum Means {
     Patches,
 }
 
-impl Means {
+impl OffsetMethod {
     /// Returns the name used in files and in the status.
     #[must_use]
     pub const fn name(self) -> &'static str {
@@ -48,13 +48,14 @@ impl Means {
 pub fn from_image_motion(
     track: &TrackerTrack,
     motions: &[CameraMotion],
-    mounted: Option<&Mounted>,
+    mounted: Option<&MountedCamera>,
     range: f64,
-) -> Result<(ClockOffset, Means), LatencyError> {
-    let flow = from_flow(track, motions, range).map(|found| (found, Means::Flow));
+) -> Result<(ClockOffset, OffsetMethod), LatencyError> {
+    let flow = from_flow(track, motions, range).map(|found| (found, OffsetMethod::Flow));
     let patches = mounted.and_then(|m| from_patches(track, motions, m, range).ok());
-    let patches = patches.map(|found| (found, Means::Patches));
-    let sigma = |(found, method): &(ClockOffset, Means)| found.sigma.hypot(method.systematic());
+    let patches = patches.map(|found| (found, OffsetMethod::Patches));
+    let sigma =
+        |(found, method): &(ClockOffset, OffsetMethod)| found.sigma.hypot(method.systematic());
     match (flow, patches) {
         (Ok(flow), Some(patches)) => {
             let difference = (flow.0.seconds - patches.0.seconds).abs();

@@ -6,7 +6,7 @@
 //! they have none, their optical flow ([`ImageMotion`]) is compared: patch by patch with the
 //! camera's motion if its mounting is known ([`from_patches`]), else the flow as one similarity with
 //! all of the tracker's motion ([`from_flow`]); [`from_image_motion`] takes the better of the two.
-//! [`follow`] tracks a drifting offset by estimating it again from the last seconds.
+//! [`offset_monitor`] tracks a drifting offset by estimating it again from the last seconds.
 //!
 //! In the order of data flow: `jumps` removes faulty readings, `track` interpolates the tracker's
 //! pose, `image_motion` measures the flow; `rotations`, `flow` and `mounted` provide the residuals
@@ -14,23 +14,23 @@
 //! chooses between the methods.
 
 mod flow;
-pub mod follow;
 mod image_based;
 mod image_motion;
 mod jumps;
 mod model;
 mod mounted;
+pub mod offset_monitor;
 mod rotations;
 mod scan;
 mod selection;
 mod track;
 
 pub use flow::from_flow;
-pub use image_based::{Means, from_image_motion};
+pub use image_based::{OffsetMethod, from_image_motion};
 pub use image_motion::{Flow, ImageMotion, MAX_PATCHES, Patch};
 pub(crate) use jumps::without_jumps;
 pub use model::{CameraMotion, CameraRotation, ClockOffset, LatencyError};
-pub use mounted::{Mounted, from_patches};
+pub use mounted::{MountedCamera, from_patches};
 pub use rotations::from_rotations;
 pub use track::TrackerTrack;
 

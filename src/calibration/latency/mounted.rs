@@ -43,12 +43,12 @@ const FITTED: f64 = 2.0;
 
 /// A camera with a known pose on a tracker's sensor.
 #[derive(Clone, Debug)]
-pub struct Mounted {
+pub struct MountedCamera {
     camera: PinholeCamera,
     sensor_from_camera: RigidTransform,
 }
 
-impl Mounted {
+impl MountedCamera {
     /// Creates a camera with this pose on the sensor.
     #[must_use]
     pub const fn new(camera: PinholeCamera, sensor_from_camera: RigidTransform) -> Self {
@@ -80,7 +80,7 @@ impl Mounted {
 pub fn from_patches(
     track: &TrackerTrack,
     motions: &[CameraMotion],
-    mounted: &Mounted,
+    mounted: &MountedCamera,
     range: f64,
 ) -> Result<ClockOffset, LatencyError> {
     let spans: Vec<(f64, f64)> = motions.iter().map(|m| (m.from, m.to)).collect();
@@ -118,7 +118,7 @@ struct Pair {
 
 struct PatchPairs<'a> {
     track: &'a TrackerTrack,
-    mounted: &'a Mounted,
+    mounted: &'a MountedCamera,
     pairs: Vec<Pair>,
 }
 
@@ -138,7 +138,7 @@ impl<'a> PatchPairs<'a> {
         track: &'a TrackerTrack,
         motions: &[CameraMotion],
         kept: &[usize],
-        mounted: &'a Mounted,
+        mounted: &'a MountedCamera,
     ) -> Self {
         let pair = |&i: &usize| {
             let CameraMotion { from, to, flow } = motions[i];

@@ -157,7 +157,7 @@ fn flow_of_orbiting_camera_determines_offset_within_two_milliseconds() {
     }
 }
 
-fn mounted(error: DQuat) -> Mounted {
+fn mounted(error: DQuat) -> MountedCamera {
     let camera = PinholeCamera {
         width: 640,
         height: 480,
@@ -166,7 +166,7 @@ fn mounted(error: DQuat) -> Mounted {
         distortion: [0.0; 5],
     };
     let turned = RigidTransform::new(error, DVec3::ZERO);
-    Mounted::new(camera, camera_from_sensor().inverse() * turned)
+    MountedCamera::new(camera, camera_from_sensor().inverse() * turned)
 }
 
 #[test]

@@ -21,7 +21,7 @@ pub struct Reading {
 
 /// A fitted vignetting.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Fit {
+pub struct VignettingFit {
     /// k1, k2, k3; zero where not significant.
     pub coefficients: [f64; 3],
     /// Standard errors of the coefficients.
@@ -29,18 +29,18 @@ pub struct Fit {
     /// Standard error of the relative brightness at the largest ρ of a reading.
     pub edge_sigma: f64,
     /// Largest ρ² of a reading.
-    pub farthest: f64,
+    pub max_rho_squared: f64,
     /// Share of readings that are not outliers.
     pub used: f64,
     /// Root mean square of the residuals, relative.
     pub rms: f64,
 }
 
-impl Fit {
+impl VignettingFit {
     /// Returns the relative brightness at the largest ρ of a reading.
     #[must_use]
-    pub fn edge(&self) -> f64 {
-        polynomial(&self.coefficients, self.farthest)
+    pub fn edge_brightness(&self) -> f64 {
+        polynomial(&self.coefficients, self.max_rho_squared)
     }
 }
 
@@ -57,7 +57,7 @@ const PICTURE_SIGMA: f64 = 2.0;
 /// Fits vignetting; `None` for too few readings or too small a range of ρ². Insignificant terms are
 /// dropped, the highest first.
 #[must_use]
-pub fn fit(readings: &[Reading]) -> Option<Fit> {
+pub fn fit(readings: &[Reading]) -> Option<VignettingFit> {
     let reach = (f64::MAX, f64::MIN);
     let (low, high) = readings
         .iter()
@@ -75,7 +75,7 @@ pub fn fit(readings: &[Reading]) -> Option<Fit> {
     None
 }
 
-fn fit_terms(readings: &[Reading], terms: usize, farthest: f64) -> Option<Fit> {
+fn fit_terms(readings: &[Reading], terms: usize, farthest: f64) -> Option<VignettingFit> {
     let groups = readings.iter().map(|r| r.group).max()? + 1;
     let mut model = Model {
         k: [0.0; 3],
@@ -108,11 +108,11 @@ fn fit_terms(readings: &[Reading], terms: usize, farthest: f64) -> Option<Fit> {
     let along = covariance.times_vector(&powers);
     let variance: f64 = along.iter().zip(&powers).map(|(a, b)| a * b).sum();
     let typical = readings.iter().map(|r| r.variance).sum::<f64>() / readings.len() as f64;
-    Some(Fit {
+    Some(VignettingFit {
         coefficients: model.k,
         sigma,
         edge_sigma: inflate * variance.sqrt(),
-        farthest,
+        max_rho_squared: farthest,
         used: used as f64 / readings.len() as f64,
         rms: chi * typical.sqrt(),
     })

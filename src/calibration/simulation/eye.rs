@@ -17,7 +17,7 @@ const ROOM_FOR_BENDS: f64 = 12.0;
 
 /// A camera whose rays are computed once for many pictures.
 #[derive(Clone, Debug)]
-pub struct Eye {
+pub struct SimulatedCamera {
     lens: Lens,
     /// Rays through the corners of the pixels, `width + 1` in a row; none where the lens has
     /// none.
@@ -48,7 +48,7 @@ const DARK: Met = Met {
     light: 0.0,
 };
 
-impl Eye {
+impl SimulatedCamera {
     /// Creates a camera with this lens.
     #[must_use]
     pub fn new(lens: &Lens) -> Self {

@@ -13,9 +13,9 @@ mod papers;
 mod room;
 mod tracker;
 
-pub use eye::Eye;
+pub use eye::SimulatedCamera;
 pub use motion::{Hand, Motion};
-pub use options::{EnvironmentMount, RehearsalOptions};
+pub use options::{EnvironmentMount, SimulationOptions};
 pub use panel::Panel;
 pub use papers::FrameTruth;
 pub use penumbra_numerics::Random;
@@ -37,13 +37,13 @@ const SHUTTER_SAMPLES: u32 = 5;
 
 /// A simulated rig. Times are seconds since the recording began.
 #[derive(Clone, Debug)]
-pub struct Rehearsal {
+pub struct SimulatedRig {
     /// Its options.
-    pub options: RehearsalOptions,
+    pub options: SimulationOptions,
     /// The scene camera.
-    pub scene: Eye,
+    pub scene: SimulatedCamera,
     /// The environment camera.
-    pub environment: Option<Eye>,
+    pub environment: Option<SimulatedCamera>,
     /// Pose of the environment camera in the world or on the scene camera, depending on its mount.
     pub environment_pose: RigidTransform,
     /// Hand–eye transform.
@@ -69,10 +69,10 @@ pub fn lying(turn: f64, place: DVec3) -> RigidTransform {
     )
 }
 
-impl Rehearsal {
+impl SimulatedRig {
     /// Creates the rig of these options.
     #[must_use]
-    pub fn new(options: RehearsalOptions) -> Self {
+    pub fn new(options: SimulationOptions) -> Self {
         let mut random = Random::new(options.seed.wrapping_mul(0x51_7cc1_b727_220a));
         let lens = scene_lens(options.size, &mut random);
         let tags = if options.board.is_some() {
@@ -105,8 +105,8 @@ impl Rehearsal {
             .inverse()
             .transform_point(hand.at(0.0).translation);
         Self {
-            scene: Eye::new(&lens),
-            environment: environment_lens(options.environment).map(|l| Eye::new(&l)),
+            scene: SimulatedCamera::new(&lens),
+            environment: environment_lens(options.environment).map(|l| SimulatedCamera::new(&l)),
             environment_pose: environment_pose(options.environment, &mut random),
             sensor_from_camera: RigidTransform::new(
                 DQuat::from_euler(EulerRot::XYZ, FRAC_PI_2, 0.0, FRAC_PI_2)
@@ -180,7 +180,7 @@ impl Rehearsal {
 
     fn picture(
         &self,
-        eye: &Eye,
+        eye: &SimulatedCamera,
         pose: &dyn Fn(f64) -> RigidTransform,
         seconds: f64,
         random: &mut Random,

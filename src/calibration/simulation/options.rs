@@ -6,7 +6,7 @@ use clap::{Args, ValueEnum};
 
 /// A simulated rig and what is wrong with it.
 #[derive(Args, Clone, Debug, PartialEq)]
-pub struct RehearsalOptions {
+pub struct SimulationOptions {
     /// Another number, another rig: lens, mounting, tags, motion, noise
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
@@ -84,7 +84,7 @@ pub enum EnvironmentMount {
     Carried,
 }
 
-impl Default for RehearsalOptions {
+impl Default for SimulationOptions {
     fn default() -> Self {
         Self {
             seed: 1,

@@ -1,6 +1,6 @@
 //! What the owner of a rehearsal's rig knows of it, and what only the judge does.
 
-use super::{EnvironmentMount, Rehearsal};
+use super::{EnvironmentMount, SimulatedRig};
 use penumbra_camera::Lens;
 use penumbra_interface::RigidTransform;
 use serde_json::{Value, json};
@@ -29,7 +29,7 @@ fn pinhole(lens: &Lens) -> Value {
     })
 }
 
-impl Rehearsal {
+impl SimulatedRig {
     /// `rig.json`: lenses, and what the options say is known.
     #[must_use]
     pub fn rig_json(&self) -> Value {

@@ -5,7 +5,7 @@ use penumbra_rig_model::RigDocument;
 
 #[test]
 fn detected_tags_match_ground_truth() {
-    let rehearsal = Rehearsal::new(RehearsalOptions::default());
+    let rehearsal = SimulatedRig::new(SimulationOptions::default());
     let mut random = Random::new(3);
     let lens = rehearsal.scene.lens().clone();
     let camera = lens.as_pinhole().unwrap();
@@ -36,9 +36,9 @@ fn detected_tags_match_ground_truth() {
 #[test]
 fn chessboard_is_detected() {
     let board = Board::parse("chess:7x5:0.03").unwrap();
-    let rehearsal = Rehearsal::new(RehearsalOptions {
+    let rehearsal = SimulatedRig::new(SimulationOptions {
         board: Some(board),
-        ..RehearsalOptions::default()
+        ..SimulationOptions::default()
     });
     let codes = rehearsal.scene_picture(0.4, &mut Random::new(1));
     let grey = Grey::from_bytes(640, 480, &codes);
@@ -56,11 +56,11 @@ fn chessboard_is_detected() {
 
 #[test]
 fn files_can_be_read() {
-    let rehearsal = Rehearsal::new(RehearsalOptions {
+    let rehearsal = SimulatedRig::new(SimulationOptions {
         known_markers: true,
         known_tracker: true,
         environment: EnvironmentMount::Carried,
-        ..RehearsalOptions::default()
+        ..SimulationOptions::default()
     });
     let bytes = serde_json::to_vec(&rehearsal.rig_json()).unwrap();
     let rig = RigDocument::parse(&bytes).unwrap();

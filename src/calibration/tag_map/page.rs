@@ -4,7 +4,7 @@ use super::build::{Built, Mapped};
 use super::start::square;
 use super::step::MapStep;
 use crate::report::{Page, Plot};
-use crate::step::{Finished, Made};
+use crate::step::{CalibrationProvenance, Finished};
 
 const COLUMNS: [&str; 9] = [
     "tag",
@@ -35,7 +35,12 @@ fn row(t: &Mapped) -> Vec<String> {
 }
 
 impl MapStep {
-    pub(super) fn page(&self, made: &Made, found: &Finished, built: Option<&Built>) -> String {
+    pub(super) fn page(
+        &self,
+        made: &CalibrationProvenance,
+        found: &Finished,
+        built: Option<&Built>,
+    ) -> String {
         let facts = [
             format!("{}, from {}", made.date, made.source),
             format!(

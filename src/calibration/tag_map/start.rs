@@ -3,7 +3,7 @@
 use super::{Seen, View};
 use glam::DVec3;
 use penumbra_camera::PinholeCamera;
-use penumbra_fiducials::{Match, both_poses, refine};
+use penumbra_fiducials::{Match, candidate_poses, refine};
 use penumbra_interface::RigidTransform;
 use std::collections::BTreeMap;
 
@@ -58,7 +58,7 @@ fn links(camera: &PinholeCamera, tags: &[Seen], views: &[View]) -> BTreeMap<(usi
         let poses: Vec<(usize, Vec<RigidTransform>)> = view
             .sights
             .iter()
-            .map(|s| (s.tag, both_poses(camera, &s.corners, tags[s.tag].size)))
+            .map(|s| (s.tag, candidate_poses(camera, &s.corners, tags[s.tag].size)))
             .collect();
         for (a, of_a) in &poses {
             for (b, of_b) in poses.iter().filter(|(b, _)| b > a) {
@@ -119,7 +119,7 @@ fn place(camera: &PinholeCamera, tags: &[Seen], view: &View) -> Option<RigidTran
         .collect();
     placed()
         .flat_map(|(s, map_from_tag)| {
-            let poses = both_poses(camera, &s.corners, tags[s.tag].size);
+            let poses = candidate_poses(camera, &s.corners, tags[s.tag].size);
             poses.into_iter().map(move |c| c * map_from_tag.inverse())
         })
         .filter_map(|start| refine(camera, start, &matches))

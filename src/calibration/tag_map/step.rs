@@ -4,9 +4,12 @@ use super::build::{Built, Mapped, build};
 use super::page::lines;
 use super::{Seen, Sight, View};
 use crate::simulation::lying;
-use crate::step::{Eye, Finished, Made, Progress, Shown, ShownPicture, Step, Wants};
+use crate::step::{
+    CalibrationProvenance, CameraRole, Finished, PictureInput, Progress, Step, StepInput,
+    StepInputs,
+};
 use glam::{DVec2, DVec3};
-use penumbra_fiducials::{Detector, Family, TagSeen};
+use penumbra_fiducials::{Detector, Family, TagObservation};
 use penumbra_rig_model::Grade;
 use penumbra_rig_model::Header;
 use penumbra_rig_model::Marker;
@@ -49,7 +52,7 @@ pub struct MapStep {
     rig: RigCalibration,
     known: Vec<Marker>,
     detector: Detector,
-    pub(super) views: Vec<Vec<TagSeen>>,
+    pub(super) views: Vec<Vec<TagObservation>>,
     pub(super) pictures: usize,
     stride: f64,
     marks: Vec<DVec2>,
@@ -73,7 +76,7 @@ impl MapStep {
         }
     }
 
-    fn take(&mut self, picture: &ShownPicture) {
+    fn take(&mut self, picture: &PictureInput) {
         let camera = &self.rig.scene_camera.camera;
         self.pictures += 1;
         let fits = (picture.picture.width, picture.picture.height) == (camera.width, camera.height);
@@ -85,13 +88,13 @@ impl MapStep {
     }
 
     /// Adds the tags of a picture.
-    pub(super) fn show(&mut self, seen: Vec<TagSeen>) {
+    pub(super) fn show(&mut self, seen: Vec<TagObservation>) {
         // Of two tags with the same number, neither can be identified.
-        let once = |t: &&TagSeen| {
-            let same = |o: &&TagSeen| (o.family, o.id) == (t.family, t.id);
+        let once = |t: &&TagObservation| {
+            let same = |o: &&TagObservation| (o.family, o.id) == (t.family, t.id);
             seen.iter().filter(same).count() == 1
         };
-        let view: Vec<TagSeen> = seen.iter().filter(once).copied().collect();
+        let view: Vec<TagObservation> = seen.iter().filter(once).copied().collect();
         self.marks = view.iter().flat_map(|t| t.corners).collect();
         for tag in &view {
             *self.alone.entry((tag.family, tag.id)).or_default() += 1;
@@ -186,7 +189,7 @@ impl MapStep {
 
     fn built(&self) -> Result<Built, String> {
         let tags = self.tags()?;
-        let sight = |seen: &TagSeen| {
+        let sight = |seen: &TagObservation| {
             let tag = tags
                 .iter()
                 .position(|t| (t.family, t.id) == (seen.family, seen.id))?;
@@ -246,7 +249,8 @@ impl MapStep {
             .alone
             .keys()
             .filter(|(family, id)| {
-                let there = |v: &Vec<TagSeen>| v.iter().any(|t| (t.family, t.id) == (*family, *id));
+                let there =
+                    |v: &Vec<TagObservation>| v.iter().any(|t| (t.family, t.id) == (*family, *id));
                 !self.views.iter().any(there) && self.alone[&(*family, *id)] > 2
             })
             .map(|(family, id)| format!("{family} {id}"))
@@ -282,7 +286,7 @@ impl MapStep {
 
 /// Returns the mean distance of corners that both views show, pixels; large if they show
 /// different tags.
-fn moved(last: &[TagSeen], view: &[TagSeen]) -> f64 {
+fn moved(last: &[TagObservation], view: &[TagObservation]) -> f64 {
     let (mut sum, mut count) = (0.0, 0);
     for tag in view {
         let same = last
@@ -304,8 +308,8 @@ impl Step for MapStep {
         "map"
     }
 
-    fn wants(&self) -> Wants {
-        Wants {
+    fn inputs(&self) -> StepInputs {
+        StepInputs {
             scene: true,
             environment: false,
             brackets: false,
@@ -314,9 +318,9 @@ impl Step for MapStep {
         }
     }
 
-    fn look(&mut self, shown: &Shown) {
-        if let Shown::Picture(picture) = shown
-            && picture.eye == Eye::Scene
+    fn observe(&mut self, shown: &StepInput) {
+        if let StepInput::Picture(picture) = shown
+            && picture.camera == CameraRole::Scene
         {
             self.take(picture);
         }
@@ -331,12 +335,12 @@ impl Step for MapStep {
             } else {
                 String::new()
             },
-            marks: self.marks.clone(),
-            eye: Some(Eye::Scene),
+            overlay_points: self.marks.clone(),
+            camera: Some(CameraRole::Scene),
         }
     }
 
-    fn finish(&mut self, made: &Made) -> Finished {
+    fn finish(&mut self, made: &CalibrationProvenance) -> Finished {
         let built = self.built();
         let mut findings = match &built {
             Ok(built) => self.judge(built),
@@ -350,10 +354,10 @@ impl Step for MapStep {
             lines,
             findings,
             hints: Vec::new(),
-            page: String::new(),
+            report: String::new(),
             file: None,
         };
-        found.page = self.page(made, &found, built.as_ref().ok());
+        found.report = self.page(made, &found, built.as_ref().ok());
         if let (Ok(built), true) = (&built, grade != Grade::Refused) {
             let record = self.record(built, found.header("map", made));
             found.file = serde_json::to_string_pretty(&record).ok();

@@ -2,10 +2,10 @@
 
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 use super::step::{MapOptions, MapStep};
-use crate::simulation::{Rehearsal, RehearsalOptions};
-use crate::step::{Finished, Made, Step};
+use crate::simulation::{SimulatedRig, SimulationOptions};
+use crate::step::{CalibrationProvenance, Finished, Step};
 use glam::{DQuat, DVec2};
-use penumbra_fiducials::{Family, Tag, TagSeen};
+use penumbra_fiducials::{Family, Tag, TagObservation};
 use penumbra_interface::RigidTransform;
 use penumbra_numerics::Random;
 use penumbra_rig_model::Grade;
@@ -22,21 +22,21 @@ fn options() -> MapOptions {
     }
 }
 
-fn rehearsal(seed: u64) -> Rehearsal {
-    Rehearsal::new(RehearsalOptions {
+fn rehearsal(seed: u64) -> SimulatedRig {
+    SimulatedRig::new(SimulationOptions {
         seed,
-        ..RehearsalOptions::default()
+        ..SimulationOptions::default()
     })
 }
 
 /// Returns the camera's view of `tags` at a time, with corner noise of `noise` pixels.
 fn view(
-    rehearsal: &Rehearsal,
+    rehearsal: &SimulatedRig,
     tags: &[Tag],
     at: f64,
     noise: f64,
     random: &mut Random,
-) -> Vec<TagSeen> {
+) -> Vec<TagObservation> {
     let lens = rehearsal.scene.lens();
     let camera_from_world = rehearsal.world_from_camera(at).inverse();
     let inside = |p: &DVec2| p.cmpgt(DVec2::ONE).all() && p.cmplt(DVec2::new(638.0, 478.0)).all();
@@ -50,7 +50,7 @@ fn view(
         let [Some(a), Some(b), Some(c), Some(d)] = corners else {
             return None;
         };
-        let seen = TagSeen {
+        let seen = TagObservation {
             family: tag.family,
             id: tag.id,
             corners: [a, b, c, d],
@@ -62,7 +62,7 @@ fn view(
     tags.iter().filter_map(one).collect()
 }
 
-fn rig(rehearsal: &Rehearsal, known: &[Tag]) -> RigDocument {
+fn rig(rehearsal: &SimulatedRig, known: &[Tag]) -> RigDocument {
     let mut rig = RigDocument::parse(rehearsal.rig_json().to_string().as_bytes()).unwrap();
     rig.markers = known
         .iter()
@@ -78,7 +78,7 @@ fn rig(rehearsal: &Rehearsal, known: &[Tag]) -> RigDocument {
 
 /// Builds a map from 60 views; `tags_at` returns the tags at a share of the time.
 fn mapped(
-    rehearsal: &Rehearsal,
+    rehearsal: &SimulatedRig,
     known: &[Tag],
     options: MapOptions,
     tags_at: &dyn Fn(f64) -> Vec<Tag>,
@@ -100,10 +100,10 @@ fn mapped(
         }
         step.show(seen);
     }
-    step.finish(&Made::default())
+    step.finish(&CalibrationProvenance::default())
 }
 
-fn markers(rehearsal: &Rehearsal, known: &[Tag], found: &Finished) -> Vec<Tag> {
+fn markers(rehearsal: &SimulatedRig, known: &[Tag], found: &Finished) -> Vec<Tag> {
     let file = found.file.clone().expect("a file");
     let mut rig = rig(rehearsal, known);
     let get = |name: &str| (name == MARKERS).then_some(file.as_bytes());
@@ -131,7 +131,7 @@ fn map_is_accurate_to_a_millimetre() {
         assert_eq!(tags.len(), 9, "{seed}");
         let worst = worst(&tags, &rehearsal.tags);
         assert!(worst < 0.001, "{seed}: {worst}");
-        assert!(found.page.contains("<svg") && !found.page.contains("NaN"));
+        assert!(found.report.contains("<svg") && !found.report.contains("NaN"));
     }
 }
 

@@ -2,7 +2,7 @@
 //! see.
 
 use super::Known;
-use crate::step::ShownPicture;
+use crate::step::PictureInput;
 use penumbra_interface::{Exposure, MonotonicTime, RigidTransform};
 use penumbra_numerics::median;
 use penumbra_picture::Picture;
@@ -58,14 +58,14 @@ impl Comparison {
     }
 
     /// Keeps the environment camera's latest picture.
-    pub fn environment(&mut self, shown: &ShownPicture) {
+    pub fn environment(&mut self, shown: &PictureInput) {
         if shown.seconds >= self.due {
             self.last = Some((shown.picture.clone(), shown.captured_at, shown.exposure));
         }
     }
 
     /// Compares a scene camera's picture, taken from `pose`, with the latest environment picture.
-    pub fn scene(&mut self, known: &Known, shown: &ShownPicture, pose: RigidTransform) {
+    pub fn scene(&mut self, known: &Known, shown: &PictureInput, pose: RigidTransform) {
         let Some((_, at, _)) = &self.last else {
             return;
         };

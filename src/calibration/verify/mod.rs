@@ -14,13 +14,16 @@ pub use reprojection::{Off, Reprojection};
 
 use super::intrinsics::Grey;
 use super::latency::{
-    CameraMotion, CameraRotation, ClockOffset, ImageMotion, LatencyError, Mounted, TrackerTrack,
-    from_image_motion, from_rotations,
+    CameraMotion, CameraRotation, ClockOffset, ImageMotion, LatencyError, MountedCamera,
+    TrackerTrack, from_image_motion, from_rotations,
 };
-use super::step::{Eye, Finished, Made, Progress, Shown, ShownPicture, Step, Wants};
+use super::step::{
+    CalibrationProvenance, CameraRole, Finished, PictureInput, Progress, Step, StepInput,
+    StepInputs,
+};
 use colour::Comparison;
 use penumbra_camera::EnvironmentView;
-use penumbra_fiducials::{Detector, Registrar, Registration, TagMap, TagSeen};
+use penumbra_fiducials::{Detector, Registrar, RegistrationMethod, TagMap, TagObservation};
 use penumbra_interface::{MonotonicTime, PoseSample, RigidTransform};
 use penumbra_rig_model::RigDocument;
 use penumbra_scene::RayCaster;
@@ -52,7 +55,7 @@ struct Moment {
     /// Middle of the exposure, corrected for latency.
     at: MonotonicTime,
     seconds: f64,
-    tags: Vec<TagSeen>,
+    tags: Vec<TagObservation>,
     /// `world_from_camera` from the markers.
     by_markers: Option<RigidTransform>,
 }
@@ -106,7 +109,7 @@ impl Verify {
         }
     }
 
-    fn scene(&mut self, shown: &ShownPicture) {
+    fn scene(&mut self, shown: &PictureInput) {
         let scene = &self.known.rig.calibration.scene_camera;
         let at = shown.captured_at.offset_nanos(-scene.latency_nanos);
         let first = *self.first.get_or_insert(at);
@@ -117,7 +120,7 @@ impl Verify {
             .to_vec();
         let found = self.registrar.register(&scene.camera, &tags, at);
         let by_markers = found
-            .filter(|f| f.how != Registration::TagGuessed)
+            .filter(|f| f.method != RegistrationMethod::TagGuessed)
             .map(|f| f.map_from_camera);
         let tracker = self.known.rig.calibration.tracker.as_ref();
         let tracked = tracker.and_then(|tracker| {
@@ -136,8 +139,8 @@ impl Verify {
                 flow,
             });
         }
-        self.progress.marks = tags.iter().flat_map(|t| t.corners).collect();
-        self.progress.eye = Some(Eye::Scene);
+        self.progress.overlay_points = tags.iter().flat_map(|t| t.corners).collect();
+        self.progress.camera = Some(CameraRole::Scene);
         self.moments.push(Moment {
             at,
             seconds,
@@ -216,7 +219,7 @@ impl Verify {
             })
             .collect();
         let by_turns = from_rotations(&track, &turns, RANGE);
-        let mounted = Mounted::scene_camera(&self.known.rig.calibration);
+        let mounted = MountedCamera::scene_camera(&self.known.rig.calibration);
         let by_motion = || from_image_motion(&track, &self.motions, mounted.as_ref(), RANGE);
         Some(by_turns.or_else(|error| by_motion().map(|(found, _)| found).map_err(|_| error)))
     }
@@ -252,8 +255,8 @@ impl Step for Verify {
         "verify"
     }
 
-    fn wants(&self) -> Wants {
-        Wants {
+    fn inputs(&self) -> StepInputs {
+        StepInputs {
             scene: true,
             environment: self.known.rig.calibration.environment.is_some(),
             brackets: false,
@@ -262,14 +265,14 @@ impl Step for Verify {
         }
     }
 
-    fn look(&mut self, shown: &Shown) {
+    fn observe(&mut self, shown: &StepInput) {
         match shown {
-            Shown::Pose(sample) => return self.pose(sample),
-            Shown::Picture(shown) => {
+            StepInput::Pose(sample) => return self.pose(sample),
+            StepInput::Picture(shown) => {
                 self.seconds = shown.seconds;
-                match shown.eye {
-                    Eye::Scene => self.scene(shown),
-                    Eye::Environment => self.colours.environment(shown),
+                match shown.camera {
+                    CameraRole::Scene => self.scene(shown),
+                    CameraRole::Environment => self.colours.environment(shown),
                 }
             }
         }
@@ -280,7 +283,7 @@ impl Step for Verify {
         self.progress.clone()
     }
 
-    fn finish(&mut self, made: &Made) -> Finished {
+    fn finish(&mut self, made: &CalibrationProvenance) -> Finished {
         let (tracked, among) = self.corners();
         let measured = self.measured(&tracked, &among);
         let judgement = Judgement::of(&measured);
@@ -289,7 +292,7 @@ impl Step for Verify {
             lines: judgement.lines,
             findings: judgement.findings,
             hints: Vec::new(),
-            page: String::new(),
+            report: String::new(),
             file: None,
         };
         let corners = if measured.has_tracker {
@@ -297,7 +300,7 @@ impl Step for Verify {
         } else {
             &among
         };
-        found.page = written::page(made, &found, corners);
+        found.report = written::page(made, &found, corners);
         // A check writes its file whatever its grade.
         found.file = written::file(made, &found, &measured);
         found

@@ -2,7 +2,7 @@
 
 use glam::DVec2;
 use penumbra_camera::PinholeCamera;
-use penumbra_fiducials::{Registrar, TagMap, TagSeen};
+use penumbra_fiducials::{Registrar, TagMap, TagObservation};
 use penumbra_interface::{MonotonicTime, RigidTransform};
 use penumbra_numerics::{median, root_mean_square};
 
@@ -24,7 +24,7 @@ pub struct Off {
 pub fn by_pose(
     camera: &PinholeCamera,
     map: &TagMap,
-    seen: &[TagSeen],
+    seen: &[TagObservation],
     world_from_camera: RigidTransform,
     seconds: f64,
     out: &mut Vec<Off>,
@@ -49,13 +49,13 @@ pub fn by_pose(
 pub fn by_the_others(
     camera: &PinholeCamera,
     map: &TagMap,
-    seen: &[TagSeen],
+    seen: &[TagObservation],
     at: MonotonicTime,
     seconds: f64,
     out: &mut Vec<Off>,
 ) {
     for (i, tag) in seen.iter().enumerate() {
-        let others: Vec<TagSeen> = seen
+        let others: Vec<TagObservation> = seen
             .iter()
             .enumerate()
             .filter_map(|(k, t)| (k != i).then_some(*t))
@@ -128,7 +128,7 @@ mod tests {
     use penumbra_fiducials::synthetic::{camera, tag};
 
     /// Returns the tags in a camera's picture, each corner displaced by `noise`.
-    fn seen(map: &TagMap, camera_from_map: RigidTransform, noise: DVec2) -> Vec<TagSeen> {
+    fn seen(map: &TagMap, camera_from_map: RigidTransform, noise: DVec2) -> Vec<TagObservation> {
         let place = |c: DVec3| {
             camera()
                 .project(camera_from_map.transform_point(c))
@@ -136,7 +136,7 @@ mod tests {
         };
         map.tags()
             .iter()
-            .map(|tag| TagSeen {
+            .map(|tag| TagObservation {
                 family: tag.family,
                 id: tag.id,
                 corners: tag.corners().map(|c| place(c) + noise),

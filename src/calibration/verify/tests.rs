@@ -3,7 +3,7 @@
 
 use super::*;
 use glam::{DQuat, DVec2, DVec3, EulerRot};
-use penumbra_fiducials::synthetic::{picture, tag};
+use penumbra_fiducials::synthetic::{render, tag};
 use penumbra_picture::Picture;
 use penumbra_rig_model::Grade;
 use penumbra_rig_model::Marker;
@@ -79,14 +79,14 @@ fn show(step: &mut Verify) {
             arrived_at: time(t + LATENCY),
             error: None,
         };
-        step.look(&Shown::Pose(&sample));
+        step.observe(&StepInput::Pose(&sample));
         // The tracker's readings at a picture's time arrive after it.
         if i % 8 == 7 && t > 0.3 {
             let at = t - 0.1;
-            let codes = picture(camera, world_from_camera(at).inverse(), &tags, 1.0);
+            let codes = render(camera, world_from_camera(at).inverse(), &tags, 1.0);
             let rgba = codes.iter().flat_map(|&c| [c, c, c, 255]).collect();
-            step.look(&Shown::Picture(ShownPicture {
-                eye: Eye::Scene,
+            step.observe(&StepInput::Picture(PictureInput {
+                camera: CameraRole::Scene,
                 picture: &Picture {
                     width: 320,
                     height: 240,
@@ -119,10 +119,10 @@ fn checked(rig: RigDocument) -> Finished {
     let mut step = Verify::new(known, photometry);
     show(&mut step);
     assert!(step.progress().message.contains("with markers"));
-    step.finish(&Made {
+    step.finish(&CalibrationProvenance {
         date: "2026-11-22T00:00:00Z".to_owned(),
         source: "drawn".to_owned(),
-        ..Made::default()
+        ..CalibrationProvenance::default()
     })
 }
 
@@ -141,7 +141,7 @@ fn correct_rig_passes_and_reports_its_figures() {
     assert!(number("reprojection_px") < 0.3, "{file}");
     assert!((number("latency_ms") - 1e3 * LATENCY).abs() < 2.0, "{file}");
     assert_eq!(file["verdict"], "good");
-    assert!(found.page.contains("By time"), "no plots");
+    assert!(found.report.contains("By time"), "no plots");
 }
 
 #[test]

@@ -2,7 +2,7 @@
 
 use super::{Measured, Off};
 use crate::report::{Page, Plot};
-use crate::step::{Finished, Made};
+use crate::step::{CalibrationProvenance, Finished};
 use penumbra_rig_model::Header;
 use serde::Serialize;
 
@@ -21,7 +21,11 @@ struct Record {
 }
 
 /// Returns the file, JSON.
-pub(super) fn file(made: &Made, found: &Finished, measured: &Measured) -> Option<String> {
+pub(super) fn file(
+    made: &CalibrationProvenance,
+    found: &Finished,
+    measured: &Measured,
+) -> Option<String> {
     let latency = measured.latency.as_ref().and_then(|l| l.as_ref().ok());
     let reprojection = if measured.has_tracker {
         measured.tracked
@@ -44,7 +48,7 @@ pub(super) fn file(made: &Made, found: &Finished, measured: &Measured) -> Option
 }
 
 /// Returns the report, HTML.
-pub(super) fn page(made: &Made, found: &Finished, corners: &[Off]) -> String {
+pub(super) fn page(made: &CalibrationProvenance, found: &Finished, corners: &[Off]) -> String {
     let facts = [format!("{}, from {}", made.date, made.source)];
     let mut page = Page::new("Check of the rig", &facts);
     page.verdict(found);

@@ -50,7 +50,7 @@ impl LensModel {
 }
 
 /// Maximum number of parameters of a lens: fx, fy, cx, cy and eight coefficients.
-pub const MOST_PARAMETERS: usize = 12;
+pub const MAX_PARAMETERS: usize = 12;
 
 /// Intrinsics of one camera.
 #[derive(Clone, Debug, PartialEq)]
@@ -77,7 +77,7 @@ pub struct Projection {
     /// ∂pixel/∂x, ∂y, ∂z of the point in the camera's frame.
     pub by_point: [DVec2; 3],
     /// ∂pixel/∂fx, fy, cx, cy and the coefficients in order.
-    pub by_parameter: [DVec2; MOST_PARAMETERS],
+    pub by_parameter: [DVec2; MAX_PARAMETERS],
 }
 
 /// A distorted point on the z = 1 plane, with derivatives.
@@ -115,8 +115,8 @@ impl Lens {
 
     /// Returns fx, fy, cx, cy and the coefficients; the rest is zero.
     #[must_use]
-    pub fn parameters(&self) -> [f64; MOST_PARAMETERS] {
-        let mut out = [0.0; MOST_PARAMETERS];
+    pub fn parameters(&self) -> [f64; MAX_PARAMETERS] {
+        let mut out = [0.0; MAX_PARAMETERS];
         out[..4].copy_from_slice(&[self.focal.x, self.focal.y, self.centre.x, self.centre.y]);
         out[4..].copy_from_slice(&self.coefficients);
         out
@@ -124,7 +124,7 @@ impl Lens {
 
     /// Returns the lens with other parameters, in the order of [`Self::parameters`].
     #[must_use]
-    pub fn with_parameters(&self, parameters: &[f64; MOST_PARAMETERS]) -> Self {
+    pub fn with_parameters(&self, parameters: &[f64; MAX_PARAMETERS]) -> Self {
         let mut out = self.clone();
         out.focal = DVec2::new(parameters[0], parameters[1]);
         out.centre = DVec2::new(parameters[2], parameters[3]);
@@ -143,7 +143,7 @@ impl Lens {
     #[must_use]
     pub fn project_with_derivatives(&self, point: DVec3) -> Option<Projection> {
         let d = self.distorted(point)?;
-        let mut by_parameter = [DVec2::ZERO; MOST_PARAMETERS];
+        let mut by_parameter = [DVec2::ZERO; MAX_PARAMETERS];
         by_parameter[0] = DVec2::new(d.point.x, 0.0);
         by_parameter[1] = DVec2::new(0.0, d.point.y);
         by_parameter[2] = DVec2::X;

@@ -5,7 +5,7 @@ use crate::cli::files::{claim, write};
 use anyhow::{Context as _, anyhow, bail};
 use clap::Args;
 use indicatif::{ProgressBar, ProgressStyle};
-use penumbra_calibration::step::{Finished, Made, Progress, Step};
+use penumbra_calibration::step::{CalibrationProvenance, Finished, Progress, Step};
 use penumbra_config::Config;
 use penumbra_rig::RigFiles;
 use penumbra_rig::calibration_runner::files::{
@@ -48,7 +48,7 @@ pub struct OutputArgs {
     #[arg(long, value_name = "TEXT", requires = "device")]
     serial: Option<String>,
     /// Calibration file; the report is written beside it as .html. On a live rig the default is the
-    /// rig's folder ([calibration] from), where existing files are kept under their date
+    /// rig's folder (`[calibration] from`), where existing files are kept under their date
     #[arg(long, value_name = "FILE.json", required_unless_present = "config")]
     pub out: Option<PathBuf>,
     /// Overwrite existing files
@@ -76,7 +76,7 @@ impl InputArgs {
             return self.output.rig();
         }
         let files = self.files()?;
-        Ok(RigDocument::of_session(&|name: &str| files.get(name))?)
+        Ok(RigDocument::from_session(&|name: &str| files.get(name))?)
     }
 
     /// Returns the rig's files: those in the recording, or those of the configuration.
@@ -155,7 +155,7 @@ impl OutputArgs {
         if damaged > 0 {
             crate::cli::warn(format_args!("{damaged} damaged pictures were skipped"));
         }
-        let found = step.finish(&Made {
+        let found = step.finish(&CalibrationProvenance {
             date: iso_now(),
             source: source.to_owned(),
             device: self.device.clone(),
@@ -235,7 +235,7 @@ impl OutputArgs {
             }
             Destination::Named { out, report } => (out, report),
         };
-        write(report, found.page.as_bytes(), self.force)?;
+        write(report, found.report.as_bytes(), self.force)?;
         // The result of a verification is written whatever its grade; a refused calibration must
         // not be used by mistake.
         let is_written = found.grade != Grade::Refused || step == "verify";

@@ -58,7 +58,7 @@ pub fn run(args: &ConvertArgs) -> anyhow::Result<ExitCode> {
     let camera = selected(lenses(&source, &bytes, args.size)?, args)?;
     let text = match args.to {
         Format::Penumbra => {
-            let record = LensRecord::of_lens(&camera.lens, &camera.name, iso_now());
+            let record = LensRecord::from_lens(&camera.lens, &camera.name, iso_now());
             serde_json::to_string_pretty(&LensRecord { source, ..record })? + "\n"
         }
         Format::Opencv => formats::write(Dialect::Opencv, &[camera])?,

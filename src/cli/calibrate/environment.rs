@@ -5,7 +5,8 @@ use anyhow::{Context, bail};
 use clap::{Args, ValueEnum};
 use glam::{DVec2, DVec3};
 use penumbra_calibration::environment_camera_calibration::{
-    Asked, EnvironmentStep, Kind, KnownRig, Pair, RoughBall, pairs,
+    Click, EnvironmentCameraKind, EnvironmentOptions, EnvironmentStep, KnownRig, RoughSphere,
+    parse_clicks,
 };
 use penumbra_fiducials::Family;
 use penumbra_rig_model::lens_files::ENVIRONMENT_LENS;
@@ -26,7 +27,7 @@ pub struct EnvironmentArgs {
     fov: Option<f64>,
     /// Centre of the sphere in the environment camera's picture, and its radius, pixels
     #[arg(long, value_name = "X,Y[,RADIUS]", value_parser = click)]
-    click: Option<RoughBall>,
+    click: Option<RoughSphere>,
     /// Points clicked in the environment camera's picture: lines `x, y, point, X, Y, Z` (world,
     /// metres), `x, y, towards, X, Y, Z` (direction) or `x, y, scene, U, V, SECONDS`
     #[arg(long, value_name = "FILE.csv")]
@@ -63,13 +64,13 @@ fn degrees(text: &str) -> Result<f64, String> {
     }
 }
 
-fn click(text: &str) -> Result<RoughBall, String> {
+fn click(text: &str) -> Result<RoughSphere, String> {
     match numbers(text)?[..] {
-        [x, y] => Ok(RoughBall {
+        [x, y] => Ok(RoughSphere {
             centre: DVec2::new(x, y),
             radius: None,
         }),
-        [x, y, r] if r > 2.0 => Ok(RoughBall {
+        [x, y, r] if r > 2.0 => Ok(RoughSphere {
             centre: DVec2::new(x, y),
             radius: Some(r),
         }),
@@ -86,17 +87,17 @@ fn position(text: &str) -> Result<DVec3, String> {
 
 pub fn run(args: &EnvironmentArgs) -> anyhow::Result<ExitCode> {
     let rig = known_rig(args)?;
-    let asked = Asked {
+    let asked = EnvironmentOptions {
         kind: args.kind.map(|k| match k {
-            KindName::Fisheye => Kind::Fisheye,
-            KindName::Sphere => Kind::Sphere,
+            KindName::Fisheye => EnvironmentCameraKind::Fisheye,
+            KindName::Sphere => EnvironmentCameraKind::Sphere,
         }),
         fov: args.fov,
-        click: args.click,
-        pairs: clicked_pairs(args)?,
-        at: args.at,
+        rough_sphere: args.click,
+        clicks: clicked_pairs(args)?,
+        position: args.at,
         families: args.family.clone(),
-        rough: args.rough,
+        max_rotation_error: args.rough,
     };
     let mut step = EnvironmentStep::new(rig, asked)?;
     args.input.run_step(&mut step)
@@ -124,11 +125,11 @@ fn known_rig(args: &EnvironmentArgs) -> anyhow::Result<KnownRig> {
 }
 
 /// Reads the clicked points.
-fn clicked_pairs(args: &EnvironmentArgs) -> anyhow::Result<Vec<Pair>> {
+fn clicked_pairs(args: &EnvironmentArgs) -> anyhow::Result<Vec<Click>> {
     let Some(path) = &args.click_pairs else {
         return Ok(Vec::new());
     };
     let name = path.display().to_string();
     let text = std::fs::read_to_string(path).with_context(|| name.clone())?;
-    pairs(&text).with_context(|| name)
+    parse_clicks(&text).with_context(|| name)
 }

@@ -4,8 +4,8 @@ use super::args::{OutputArgs, show_progress};
 use crate::cli::files::{claim, write};
 use anyhow::bail;
 use clap::{Args, ValueEnum};
-use penumbra_calibration::intrinsics::{Board, IntrinsicsStep, Options, SaidLenses};
-use penumbra_calibration::step::{Eye, Step};
+use penumbra_calibration::intrinsics::{Board, IntrinsicsStep, KnownLenses, Options};
+use penumbra_calibration::step::{CameraRole, Step};
 use penumbra_camera::LensModel;
 use penumbra_rig::calibration_runner::{FolderPicture, for_each_picture};
 use penumbra_rig_model::RigDocument;
@@ -62,15 +62,15 @@ enum Model {
 }
 
 impl IntrinsicsArgs {
-    const fn role(&self) -> Eye {
+    const fn role(&self) -> CameraRole {
         match self.camera {
-            Camera::Scene => Eye::Scene,
-            Camera::Environment => Eye::Environment,
+            Camera::Scene => CameraRole::Scene,
+            Camera::Environment => CameraRole::Environment,
         }
     }
 
     /// Creates the step; `present_lenses` are the lenses in rig.json.
-    fn step(&self, present_lenses: SaidLenses) -> IntrinsicsStep {
+    fn step(&self, present_lenses: KnownLenses) -> IntrinsicsStep {
         let default_model = match present_lenses.of_eye(self.role()) {
             Some(lens) if lens.fisheye => Model::Fisheye,
             Some(_) => Model::Brown,
@@ -97,10 +97,10 @@ impl IntrinsicsArgs {
             );
         }
         // Without a rig.json there is no lens to compare with.
-        let rig = RigDocument::of_session(&|name: &str| session.attachment(name)).ok();
+        let rig = RigDocument::from_session(&|name: &str| session.attachment(name)).ok();
         let present_lenses = rig
             .as_ref()
-            .map_or_else(SaidLenses::default, SaidLenses::of);
+            .map_or_else(KnownLenses::default, KnownLenses::of);
         self.with_corners(&mut self.step(present_lenses), |step| {
             self.output.run_step(Some(path), None, step)
         })
@@ -123,7 +123,7 @@ impl IntrinsicsArgs {
     }
 
     fn run_on_folder(&self, folder: &Path) -> anyhow::Result<ExitCode> {
-        let mut step = self.step(SaidLenses::default());
+        let mut step = self.step(KnownLenses::default());
         let source = folder.display().to_string();
         self.with_corners(&mut step, |step| {
             self.output.run_step_with(&source, step, |step, bar| {
@@ -141,7 +141,7 @@ pub fn run(args: &IntrinsicsArgs) -> anyhow::Result<ExitCode> {
         (Some(session), _) => args.run_on_session(session),
         (None, Some(folder)) => args.run_on_folder(folder),
         (None, None) => {
-            let present_lenses = SaidLenses::of(&args.output.rig()?);
+            let present_lenses = KnownLenses::of(&args.output.rig()?);
             let mut step = args.step(present_lenses);
             args.output.run_step(None, None, &mut step)
         }

@@ -6,7 +6,7 @@ use crate::cli::show::{address, status_server};
 use anyhow::bail;
 use clap::Args;
 use indicatif::ProgressBar;
-use penumbra_calibration::step::{Finished, Made, Step};
+use penumbra_calibration::step::{CalibrationProvenance, Finished, Step};
 use penumbra_config::Config;
 use penumbra_interface::threads;
 use penumbra_rig::calibration_runner::live::{EndReason, LiveFeed, StepRequest, StepUpdate};
@@ -82,7 +82,7 @@ pub fn run_step(
     let mut config = config.clone();
     config.status.listen = args.listen.unwrap_or(config.status.listen);
     let live = Live::new(&config, false)?;
-    let wants = step.wants();
+    let wants = step.inputs();
     if let Some(reason) = devices::missing_device(&wants, &live.devices) {
         bail!("{reason}");
     }
@@ -107,7 +107,7 @@ pub fn run_step(
     }
     monitor.set_evaluating();
     let provenance = devices::provenance(&wants, devices);
-    let provenance = Made {
+    let provenance = CalibrationProvenance {
         device: device_note.0.cloned().or(provenance.device),
         serial: device_note.1.cloned().or(provenance.serial),
         ..provenance
@@ -151,7 +151,7 @@ fn observe(
 ) -> EndReason {
     let tracker = live.files.document(config).ok();
     let tracker = tracker.and_then(|rig| rig.calibration.tracker);
-    let wants = step.wants();
+    let wants = step.inputs();
     let bar = progress_bar();
     if std::io::stderr().is_terminal() {
         crate::cli::say("Enter or Ctrl-C finishes the step; Ctrl-C again aborts");
@@ -188,7 +188,7 @@ fn show_update(bar: &ProgressBar, update: &StepUpdate, problem: Option<&str>) {
 /// evaluation cannot be interrupted.
 fn evaluate(
     step: &mut dyn Step,
-    provenance: &Made,
+    provenance: &CalibrationProvenance,
     signals: &EndSignals,
 ) -> anyhow::Result<Finished> {
     let done = Arc::new(AtomicBool::new(false));

@@ -6,8 +6,8 @@ use anyhow::{Context as _, bail};
 use clap::{Args, ValueEnum};
 use indicatif::ProgressBar;
 use penumbra_calibration::radiometric::reference::Edition;
-use penumbra_calibration::radiometric::step::{Options, Radiometric};
-use penumbra_calibration::step::{Eye, Progress, Shown, ShownPicture, Step as _};
+use penumbra_calibration::radiometric::step::{Radiometric, RadiometricOptions};
+use penumbra_calibration::step::{CameraRole, PictureInput, Progress, Step as _, StepInput};
 use penumbra_config::Config;
 use penumbra_interface::MonotonicTime;
 use penumbra_picture::Picture;
@@ -114,8 +114,8 @@ pub fn run(args: &RadiometricArgs) -> anyhow::Result<ExitCode> {
                 None => 0,
             };
             for (camera, files) in [
-                (Eye::Scene, &args.scene_picture),
-                (Eye::Environment, &args.environment_picture),
+                (CameraRole::Scene, &args.scene_picture),
+                (CameraRole::Environment, &args.environment_picture),
             ] {
                 for (i, file) in files.iter().enumerate() {
                     observe_picture(step, camera, &picture(file)?, i);
@@ -150,7 +150,7 @@ impl RadiometricArgs {
 /// Reads the known calibration; `None` if there is none.
 fn rig(args: &RadiometricArgs, session: Option<&Session>) -> anyhow::Result<Option<RigDocument>> {
     if let Some(session) = session {
-        return Ok(RigDocument::of_session(&|name: &str| session.attachment(name)).ok());
+        return Ok(RigDocument::from_session(&|name: &str| session.attachment(name)).ok());
     }
     let Some(path) = &args.rig else {
         // Pictures from files are not assumed to come from the configured rig.
@@ -163,8 +163,12 @@ fn rig(args: &RadiometricArgs, session: Option<&Session>) -> anyhow::Result<Opti
     Ok(Some(rig))
 }
 
-fn options(args: &RadiometricArgs, rig: Option<&RigDocument>, config: &Config) -> Options {
-    Options {
+fn options(
+    args: &RadiometricArgs,
+    rig: Option<&RigDocument>,
+    config: &Config,
+) -> RadiometricOptions {
+    RadiometricOptions {
         edition: match args.chart {
             ChartDate::Before => Edition::Gmb2005,
             ChartDate::After => Edition::Xrite2014,
@@ -186,8 +190,8 @@ fn observe_session(
 ) -> anyhow::Result<usize> {
     if let Some(chart) = rig.and_then(|rig| rig.calibration.chart.as_ref()) {
         for (camera, name) in [
-            (Eye::Scene, &chart.scene_picture),
-            (Eye::Environment, &chart.environment_picture),
+            (CameraRole::Scene, &chart.scene_picture),
+            (CameraRole::Environment, &chart.environment_picture),
         ] {
             if let Some(bytes) = session.attachment(name) {
                 let picture = Picture::from_file_bytes(bytes).with_context(|| name.clone())?;
@@ -202,7 +206,7 @@ fn observe_session(
             step.add_scene_gains(gains, format!("{pairs} pairs of pictures"));
         }
         if let Some(fit) = estimates.vignetting {
-            step.add_fall_off(Eye::Scene, fit);
+            step.add_vignetting(CameraRole::Scene, fit);
         }
     }
     Ok(damaged)
@@ -210,9 +214,9 @@ fn observe_session(
 
 /// Observes a single picture. Its time is far from those of all others, so that the step does not
 /// estimate noise from a pair of pictures.
-fn observe_picture(step: &mut Radiometric, camera: Eye, picture: &Picture, number: usize) {
-    step.look(&Shown::Picture(ShownPicture {
-        eye: camera,
+fn observe_picture(step: &mut Radiometric, camera: CameraRole, picture: &Picture, number: usize) {
+    step.observe(&StepInput::Picture(PictureInput {
+        camera,
         picture,
         captured_at: MonotonicTime::from_nanos(0),
         bracket_ev: 0.0,
@@ -224,8 +228,8 @@ fn observe_picture(step: &mut Radiometric, camera: Eye, picture: &Picture, numbe
 /// Observes the exposure series and the pictures of evenly lit walls.
 fn observe_folders(args: &RadiometricArgs, step: &mut Radiometric) -> anyhow::Result<()> {
     for (camera, folder) in [
-        (Eye::Scene, &args.scene_series),
-        (Eye::Environment, &args.environment_series),
+        (CameraRole::Scene, &args.scene_series),
+        (CameraRole::Environment, &args.environment_series),
     ] {
         let Some(folder) = folder else { continue };
         let pictures = pictures(folder)?;
@@ -243,8 +247,8 @@ fn observe_folders(args: &RadiometricArgs, step: &mut Radiometric) -> anyhow::Re
         step.add_series(camera, &series);
     }
     for (camera, folder) in [
-        (Eye::Scene, &args.scene_flat),
-        (Eye::Environment, &args.environment_flat),
+        (CameraRole::Scene, &args.scene_flat),
+        (CameraRole::Environment, &args.environment_flat),
     ] {
         for picture in folder
             .as_deref()

@@ -39,7 +39,7 @@ pub struct TagsArgs {
 pub fn run(args: &TagsArgs) -> anyhow::Result<ExitCode> {
     claim(&args.out, args.force)?;
     let mut detector =
-        Detector::new(&args.family, &Response::srgb()).with_most_candidates(MAX_CANDIDATES);
+        Detector::new(&args.family, &Response::srgb()).with_max_candidates(MAX_CANDIDATES);
     let mut table = String::from("picture,family,id,x0,y0,x1,y1,x2,y2,x3,y3,margin,wrong_bits\n");
     let damaged = for_each_picture(&args.pictures, |file: FolderPicture| {
         let start = Instant::now();

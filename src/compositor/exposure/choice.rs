@@ -21,7 +21,7 @@ pub enum Exposure {
 
 /// The exposure of the newest picture, and its reason.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct ExposureInForce {
+pub struct ActiveExposure {
     /// Stops relative to the camera's own; 0 leaves the picture unchanged.
     pub stops: f32,
     /// The target of an automatic exposure, stops; otherwise equal to `stops`.
@@ -31,4 +31,4 @@ pub struct ExposureInForce {
 }
 
 /// Maximum change of the exposure, stops each way.
-pub const MOST_STOPS: f32 = 8.0;
+pub const MAX_STOPS: f32 = 8.0;

@@ -15,5 +15,5 @@ mod meter;
 pub(crate) mod region;
 pub(crate) mod stage;
 
-pub use choice::{Exposure, ExposureInForce, MOST_STOPS};
+pub use choice::{ActiveExposure, Exposure, MAX_STOPS};
 pub use control::{AutoLimits, Brightness};

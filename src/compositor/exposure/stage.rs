@@ -10,7 +10,7 @@ use super::super::recorder::Recorder;
 use super::super::response_table::{RealPicture, ResponseTable};
 use super::super::shaders::Variant;
 use super::super::textures::FrameTexture;
-use super::choice::{Exposure, ExposureInForce, MOST_STOPS};
+use super::choice::{ActiveExposure, Exposure, MAX_STOPS};
 use super::control::{AutoLimits, Follower};
 use super::meter::Meter;
 use super::region::Region;
@@ -21,7 +21,7 @@ use penumbra_scene::Highlights;
 /// holds nothing and records nothing.
 #[derive(Default)]
 pub struct ExposureStage {
-    active: ExposureInForce,
+    active: ActiveExposure,
     follower: Option<Follower>,
     meter: Option<Meter>,
     /// Whether the next frame is measured.
@@ -50,7 +50,7 @@ pub struct MeteredFrame {
 
 impl ExposureStage {
     /// The active exposure.
-    pub const fn active(&self) -> ExposureInForce {
+    pub const fn active(&self) -> ActiveExposure {
         self.active
     }
 
@@ -94,7 +94,7 @@ impl ExposureStage {
     fn fix(&mut self, stops: f32) {
         self.follower = None;
         self.meter = None;
-        self.active = ExposureInForce {
+        self.active = ActiveExposure {
             stops,
             wanted: stops,
             brightness: None,
@@ -108,7 +108,7 @@ impl ExposureStage {
         let from = self.active.stops;
         let follower = self.follower.get_or_insert_with(|| Follower::from(from));
         let stops = follower.follow(wanted, seconds, limits.adaptation_seconds);
-        self.active = ExposureInForce {
+        self.active = ActiveExposure {
             stops,
             wanted,
             brightness,
@@ -217,5 +217,5 @@ const fn sound(stops: f32) -> f32 {
     if stops.is_nan() {
         return 0.0;
     }
-    stops.clamp(-MOST_STOPS, MOST_STOPS)
+    stops.clamp(-MAX_STOPS, MAX_STOPS)
 }

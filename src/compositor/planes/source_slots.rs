@@ -157,7 +157,7 @@ impl SourceSlots {
 impl Slot {
     fn take(&mut self, source: &FaceSource, bake_from_world: Quat) {
         // In memory that is there: it happens with every picture.
-        self.taken.clone_from(&source.taken);
+        self.taken.clone_from(&source.irradiance_in_faces);
         let own = self.source.get_or_insert_default();
         own.id = source.id;
         own.angular_radius = source.angular_radius;

@@ -1,6 +1,6 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 use super::*;
-use crate::synthetic::{camera, picture, tag};
+use crate::synthetic::{camera, render, tag};
 use glam::{DQuat, DVec3};
 use penumbra_interface::RigidTransform;
 
@@ -17,7 +17,7 @@ fn finds_corners_to_a_twentieth_of_a_pixel() {
     for (angle, z) in [(0.0, 0.3), (0.5, 0.4), (-0.8, 0.5), (1.0, 0.6), (0.2, 0.9)] {
         let rotation = DQuat::from_rotation_z(0.3 + angle) * DQuat::from_rotation_x(angle);
         let pose = RigidTransform::new(rotation, DVec3::new(0.021, -0.013, z));
-        let codes = picture(&camera, pose, &[tag], 1.0);
+        let codes = render(&camera, pose, &[tag], 1.0);
         let mut detector = detector();
         let seen = detector.detect_grey(&codes, 640, 480, Some(&camera));
         assert_eq!(seen.len(), 1, "{angle} {z}");
@@ -42,7 +42,7 @@ fn lens_distortion_does_not_shift_corners() {
     camera.distortion = [-0.35, 0.1, 0.0, 0.0, 0.0];
     let tag = tag(7, 0.12, DVec3::ZERO);
     let pose = RigidTransform::new(DQuat::from_rotation_x(0.3), DVec3::new(0.08, 0.05, 0.4));
-    let codes = picture(&camera, pose, &[tag], 0.0);
+    let codes = render(&camera, pose, &[tag], 0.0);
     let off = |detector: &mut Detector, camera_known: bool| {
         let seen = detector.detect_grey(&codes, 640, 480, camera_known.then_some(&camera));
         assert_eq!(seen.len(), 1);
@@ -82,7 +82,7 @@ fn corners_rotate_with_the_tag() {
     for quarter in 0..4 {
         let turn = DQuat::from_rotation_z(std::f64::consts::FRAC_PI_2 * f64::from(quarter) + 0.1);
         let pose = RigidTransform::new(turn, DVec3::new(0.0, 0.0, 0.5));
-        let codes = picture(&camera, pose, &[tag], 0.0);
+        let codes = render(&camera, pose, &[tag], 0.0);
         let mut detector = detector();
         let seen = detector.detect_grey(&codes, 640, 480, None);
         let first = camera
@@ -109,7 +109,7 @@ fn texture(width: usize, height: usize, tag: &[u8]) -> Vec<u8> {
 #[test]
 fn largest_outlines_are_decoded_first_in_textured_picture() {
     let pose = RigidTransform::new(DQuat::from_rotation_x(0.2), DVec3::new(0.0, 0.0, 0.3));
-    let tag = picture(&camera(), pose, &[tag(5, 0.06, DVec3::ZERO)], 1.0);
+    let tag = render(&camera(), pose, &[tag(5, 0.06, DVec3::ZERO)], 1.0);
     let codes = texture(1920, 1080, &tag);
     let mut detector = detector();
     let looked = |detector: &mut Detector| {
@@ -120,7 +120,7 @@ fn largest_outlines_are_decoded_first_in_textured_picture() {
     };
     let (ids, capped) = looked(&mut detector);
     assert_eq!(ids, [5]);
-    let mut all = detector.with_most_candidates(100_000);
+    let mut all = detector.with_max_candidates(100_000);
     let (ids, uncapped) = looked(&mut all);
     assert_eq!(ids, [5]);
     println!("{capped:.1} ms with the cap, {uncapped:.1} ms without");

@@ -9,7 +9,7 @@
 
 use glam::{DQuat, DVec2, DVec3};
 use penumbra_camera::{PinholeCamera, Response};
-use penumbra_fiducials::{Detector, Family, Tag, TagSeen, nearest_pose, synthetic};
+use penumbra_fiducials::{Detector, Family, Tag, TagObservation, nearest_pose, synthetic};
 use penumbra_interface::RigidTransform;
 use penumbra_picture::Picture;
 use std::error::Error;
@@ -28,7 +28,7 @@ pub struct Input {
 /// A detected tag.
 pub struct Detection {
     /// Family, number and corners.
-    pub tag: TagSeen,
+    pub tag: TagObservation,
     /// Pose of the tag in the camera's frame; `None` where the corners allow none.
     pub camera_from_tag: Option<RigidTransform>,
 }
@@ -50,7 +50,7 @@ fn main() -> Result<(), Box<dyn Error>> {
 pub fn detect(input: &Input) -> Vec<Detection> {
     let mut detector = Detector::new(&[Family::Tag36h11], &Response::srgb());
     let tags = detector.detect(&input.picture, Some(&input.camera));
-    let with_pose = |tag: &TagSeen| Detection {
+    let with_pose = |tag: &TagObservation| Detection {
         tag: *tag,
         camera_from_tag: nearest_pose(&input.camera, &tag.corners, input.tag_size, None),
     };
@@ -91,7 +91,7 @@ pub fn rendered() -> (Input, [Tag; 2]) {
         map_from_tag: RigidTransform::new(DQuat::from_rotation_x(tilt), DVec3::new(x, 0.0, 0.4)),
     };
     let tags = [tag(7, -0.06, 0.7), tag(341, 0.06, -0.5)];
-    let grey = synthetic::picture(&camera, RigidTransform::IDENTITY, &tags, 1.0);
+    let grey = synthetic::render(&camera, RigidTransform::IDENTITY, &tags, 1.0);
     let picture = Picture {
         width: camera.width,
         height: camera.height,

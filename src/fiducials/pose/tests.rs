@@ -91,7 +91,7 @@ fn outlying_corner_has_little_influence() {
         .camera_from_frame
         .translation
         .distance(truth().translation);
-    assert!(off < 2e-3 && found.worst > 20.0, "{off}");
+    assert!(off < 2e-3 && found.max_error > 20.0, "{off}");
     assert!(refine(&camera(), truth(), &matches[..3]).is_none());
     let behind = RigidTransform::new(DQuat::IDENTITY, DVec3::new(0.0, 0.0, -1.0));
     assert!(refine(&camera(), behind, &matches).is_none());

@@ -13,11 +13,11 @@ fn map() -> TagMap {
     TagMap::new(tags).unwrap()
 }
 
-fn observation(tag: &Tag, pose: RigidTransform, off: [DVec2; 4]) -> TagSeen {
+fn observation(tag: &Tag, pose: RigidTransform, off: [DVec2; 4]) -> TagObservation {
     let pixels = tag
         .corners()
         .map(|c| camera().project(pose.transform_point(c)).unwrap());
-    TagSeen {
+    TagObservation {
         family: tag.family,
         id: tag.id,
         corners: std::array::from_fn(|i| pixels[i] + off[i]),
@@ -44,7 +44,7 @@ fn ambiguous_tag_is_resolved_by_previous_pose_or_reported_as_guess() {
     let found = fresh
         .register(&camera(), &[observation(&one, far(0.3), off)], at(0))
         .unwrap();
-    assert_eq!(found.how, Registration::TagGuessed);
+    assert_eq!(found.method, RegistrationMethod::TagGuessed);
     for tilt in [0.3, -0.3] {
         let mut registrar = Registrar::new(map.clone());
         let all: Vec<_> = map
@@ -53,11 +53,11 @@ fn ambiguous_tag_is_resolved_by_previous_pose_or_reported_as_guess() {
             .map(|t| observation(t, far(tilt), off))
             .collect();
         let both = registrar.register(&camera(), &all, at(0)).unwrap();
-        assert_eq!(both.how, Registration::Map { tags: 2 });
+        assert_eq!(both.method, RegistrationMethod::Map { tags: 2 });
         let alone = registrar
             .register(&camera(), &[observation(&one, far(tilt), off)], at(33))
             .unwrap();
-        assert_eq!(alone.how, Registration::TagByMemory);
+        assert_eq!(alone.method, RegistrationMethod::TagByPreviousPose);
         let angle = alone
             .estimate
             .camera_from_frame
@@ -68,7 +68,7 @@ fn ambiguous_tag_is_resolved_by_previous_pose_or_reported_as_guess() {
         let late = registrar
             .register(&camera(), &[observation(&one, far(tilt), off)], at(5000))
             .unwrap();
-        assert_eq!(late.how, Registration::TagGuessed);
+        assert_eq!(late.method, RegistrationMethod::TagGuessed);
     }
 }
 
@@ -80,13 +80,13 @@ fn near_tag_needs_no_previous_pose_and_unknown_or_moved_tags_give_none() {
     let mut registrar = Registrar::new(map);
     let seen = observation(&one, near, [DVec2::ZERO; 4]);
     let found = registrar.register(&camera(), &[seen], at(0)).unwrap();
-    assert_eq!(found.how, Registration::Tag);
+    assert_eq!(found.method, RegistrationMethod::Tag);
     let back = found.map_from_camera * near;
     assert!(back.translation.length() < 1e-6);
-    let foreign = TagSeen { id: 99, ..seen };
+    let foreign = TagObservation { id: 99, ..seen };
     assert!(registrar.register(&camera(), &[foreign], at(1)).is_none());
     // The same number twice: either could be the map's.
-    let twin = TagSeen {
+    let twin = TagObservation {
         corners: seen.corners.map(|c| c + 200.0),
         ..seen
     };

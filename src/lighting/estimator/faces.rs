@@ -143,7 +143,7 @@ impl EnvironmentEstimator {
     }
 
     /// Rotates the dome with the model to which it is attached. The table is rebuilt.
-    pub fn turn_faces(&mut self, world_from_dome: Quat) {
+    pub fn rotate_faces(&mut self, world_from_dome: Quat) {
         let rotated = |table: &FaceTable| table.world_from_dome != world_from_dome;
         if self.faces.as_ref().is_some_and(rotated) {
             self.rebuild_faces(world_from_dome);

@@ -18,7 +18,7 @@ impl EnvironmentEstimator {
     /// Switches the filtering for Phong's lobes on or off.
     pub fn set_phong(&mut self, wanted: bool) {
         self.settings.phong = wanted;
-        self.prefilter.want_phong(wanted);
+        self.prefilter.set_phong(wanted);
     }
 
     /// Filters `full`, which contains `sources` that `without` does not, both in the scene's units.

@@ -3,7 +3,7 @@
 use super::super::memory::{Observation, confidence};
 use super::super::outline::refine;
 use super::*;
-use penumbra_camera::Ball;
+use penumbra_camera::SphereInCamera;
 
 /// Pictures between evaluations of the scene's shadows.
 const SHADOW_INTERVAL: u64 = 8;
@@ -54,7 +54,8 @@ impl EnvironmentEstimator {
     fn place_sphere(&self, brackets: &[Bracket], input: &EnvironmentInput) -> Option<PlacedSphere> {
         let scene = input.scene?;
         let parallax = self.settings.parallax;
-        let (Some(ball), EnvironmentView::SphereInScene { sphere }) = (input.ball, &self.view)
+        let (Some(ball), EnvironmentView::SphereInScene { sphere }) =
+            (input.sphere_position, &self.view)
         else {
             let view = PlacedView::new(&self.view, Some(scene), parallax)?;
             return Some(PlacedSphere {
@@ -64,7 +65,7 @@ impl EnvironmentEstimator {
         };
         let (world_from_camera, camera) = scene;
         let camera_from_world = world_from_camera.inverse();
-        let predicted = Ball {
+        let predicted = SphereInCamera {
             centre: camera_from_world.transform_point(ball.centre_in_world),
             radius: sphere.radius,
             sigma: ball.sigma,
@@ -73,10 +74,10 @@ impl EnvironmentEstimator {
         let found = refine(base.picture, camera, &predicted);
         let mut sphere = sphere.clone();
         sphere.centre_in_world = world_from_camera.transform_point(found.centre);
-        let pixel = |ball: &Ball| camera.project(ball.centre);
+        let pixel = |ball: &SphereInCamera| camera.project(ball.centre);
         let shift = pixel(&predicted).zip(pixel(&found));
         Some(PlacedSphere {
-            view: PlacedView::beside_rim(&sphere, scene, found.sigma, parallax)?,
+            view: PlacedView::within_rim(&sphere, scene, found.sigma, parallax)?,
             rim_shift: shift.map(|(predicted, found)| predicted.distance(found)),
         })
     }
@@ -130,7 +131,7 @@ impl EnvironmentEstimator {
         for ((clipped, &covered), (d, &w)) in
             rows.zip(self.grid.directions.iter().zip(&self.grid.solid_angles))
         {
-            let stretch = view.stretch(d.as_dvec3()).filter(|_| covered > 0.0);
+            let stretch = view.pixel_angle(d.as_dvec3()).filter(|_| covered > 0.0);
             *clipped = stretch.map_or(0.0, |s| confidence(w, s as f32, *clipped));
         }
     }
@@ -157,7 +158,7 @@ impl EnvironmentEstimator {
             world_from_camera,
             camera,
             hidden: input.hidden,
-            hider: input.hider_radiance.map_or(0.0, |l| l.dot(LUMINANCE)),
+            hider: input.occluder_radiance.map_or(0.0, |l| l.dot(LUMINANCE)),
         };
         let scales = scales(brackets);
         let luminance_at = |x: u32, y: u32| {

@@ -3,7 +3,7 @@
 
 use super::*;
 use crate::cube::sample;
-use crate::{BallSeen, LightKind};
+use crate::{LightKind, SpherePosition};
 use glam::{DMat3, DQuat, DVec2, DVec3};
 use penumbra_camera::PinholeCamera;
 use penumbra_camera::srgb_from_linear;
@@ -125,8 +125,8 @@ impl Rig {
                 ground_radiance: Some(ground),
                 measured_ground_irradiance: None,
                 hidden: None,
-                hider_radiance: None,
-                ball: None,
+                occluder_radiance: None,
+                sphere_position: None,
                 captured_at: MonotonicTime::from_nanos(self.frame * 66_000_000),
             })
             .unwrap()
@@ -333,8 +333,8 @@ fn rejects_wrong_picture_size_missing_picture_and_missing_pose() {
         ground_radiance: None,
         measured_ground_irradiance: None,
         hidden: None,
-        hider_radiance: None,
-        ball: None,
+        occluder_radiance: None,
+        sphere_position: None,
         captured_at: MonotonicTime::default(),
     };
     assert!(matches!(
@@ -385,8 +385,8 @@ fn clipped_source_is_raised_to_measured_irradiance() {
             ground_radiance: None,
             measured_ground_irradiance: Some(measured),
             hidden: None,
-            hider_radiance: None,
-            ball: None,
+            occluder_radiance: None,
+            sphere_position: None,
             captured_at: MonotonicTime::default(),
         })
         .unwrap();
@@ -420,8 +420,8 @@ fn sphere_leaving_the_picture_keeps_its_last_light() {
             ground_radiance: None,
             measured_ground_irradiance: None,
             hidden: None,
-            hider_radiance: None,
-            ball: None,
+            occluder_radiance: None,
+            sphere_position: None,
             captured_at: MonotonicTime::from_nanos(nanos),
         })
     };
@@ -452,6 +452,7 @@ fn sphere_leaving_the_picture_keeps_its_last_light() {
 /// pixels. Unrefined poses let red into the map; with the rim refined and its uncertain margin
 /// excluded, every texel stays grey.
 #[test]
+#[expect(clippy::too_many_lines, reason = "one scene, step by step")]
 fn background_of_sphere_never_enters_map() {
     let (view, pose, camera) = sphere(true);
     let EnvironmentView::SphereInScene { sphere } = &view else {
@@ -494,7 +495,7 @@ fn background_of_sphere_never_enters_map() {
         let mut input = EnvironmentInput::new(&brackets, MonotonicTime::default());
         let moved = RigidTransform::new(pose.rotation, pose.translation - (predicted - ball));
         input.scene = Some((if is_refined { pose } else { moved }, &camera));
-        input.ball = is_refined.then_some(BallSeen {
+        input.sphere_position = is_refined.then_some(SpherePosition {
             centre_in_world: predicted,
             sigma: 2.0,
         });

@@ -16,26 +16,28 @@ pub struct FaceSource {
     pub spread: Vec<(Vec3, f32)>,
     /// Faces that contain its pixels, ascending, and the source's irradiance in each: a part of the
     /// face's S_i.
-    pub taken: Vec<(u32, Vec3)>,
+    pub irradiance_in_faces: Vec<(u32, Vec3)>,
 }
 
 impl FaceSource {
     /// Returns the irradiance on a surface that faces it: the sum over all faces.
     #[must_use]
     pub fn irradiance(&self) -> Vec3 {
-        self.taken.iter().map(|(_, s)| *s).sum()
+        self.irradiance_in_faces.iter().map(|(_, s)| *s).sum()
     }
 
     /// Sums pixels, given as their faces (see [`FaceOfPixel`]), weights and radiance.
     pub fn take(&mut self, pixels: impl Iterator<Item = (u32, f32, Vec3)>) {
-        self.taken.clear();
+        self.irradiance_in_faces.clear();
         for (face, weight, radiance) in pixels {
-            let at = self.taken.binary_search_by_key(&face, |(f, _)| *f);
+            let at = self
+                .irradiance_in_faces
+                .binary_search_by_key(&face, |(f, _)| *f);
             let at = at.unwrap_or_else(|at| {
-                self.taken.insert(at, (face, Vec3::ZERO));
+                self.irradiance_in_faces.insert(at, (face, Vec3::ZERO));
                 at
             });
-            self.taken[at].1 += radiance * weight;
+            self.irradiance_in_faces[at].1 += radiance * weight;
         }
     }
 }
@@ -103,7 +105,10 @@ mod tests {
         let mut source = FaceSource::default();
         let pixels = [(7, 0.5, Vec3::X), (3, 1.0, Vec3::Y), (7, 1.5, Vec3::X)];
         source.take(pixels.into_iter());
-        assert_eq!(source.taken, [(3, Vec3::Y), (7, 2.0 * Vec3::X)]);
+        assert_eq!(
+            source.irradiance_in_faces,
+            [(3, Vec3::Y), (7, 2.0 * Vec3::X)]
+        );
         assert_eq!(source.irradiance(), Vec3::new(2.0, 1.0, 0.0));
     }
 }

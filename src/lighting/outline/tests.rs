@@ -1,7 +1,7 @@
 #![allow(clippy::unwrap_used)]
 use super::*;
 use glam::DVec3;
-use penumbra_camera::Ball;
+use penumbra_camera::SphereInCamera;
 
 fn camera() -> PinholeCamera {
     PinholeCamera {
@@ -13,8 +13,8 @@ fn camera() -> PinholeCamera {
     }
 }
 
-fn ground_truth() -> Ball {
-    Ball {
+fn ground_truth() -> SphereInCamera {
+    SphereInCamera {
         centre: DVec3::new(0.03, -0.02, 0.5),
         radius: 0.045,
         sigma: 0.0,
@@ -62,16 +62,16 @@ fn draw(background: impl Fn(f64, f64) -> [f64; 3]) -> Picture {
 }
 
 /// The true sphere displaced by the error of a pose, pixels.
-fn displaced(error_pixels: DVec2, sigma: f64) -> Ball {
+fn displaced(error_pixels: DVec2, sigma: f64) -> SphereInCamera {
     let pixel = camera().project(ground_truth().centre).unwrap();
-    Ball {
+    SphereInCamera {
         centre: camera().unproject(pixel + error_pixels) * ground_truth().centre.length(),
         sigma,
         ..ground_truth()
     }
 }
 
-fn error_pixels(ball: &Ball) -> f64 {
+fn error_pixels(ball: &SphereInCamera) -> f64 {
     let camera = camera();
     camera
         .project(ball.centre)
@@ -124,7 +124,7 @@ fn pose_is_kept_without_visible_rim() {
         ..grey.clone()
     };
     assert_eq!(refine(&short, &camera(), &before), before);
-    let beside = Ball {
+    let beside = SphereInCamera {
         centre: DVec3::new(3.0, 0.0, 0.5),
         ..before
     };

@@ -70,7 +70,7 @@ fn chrome_ball_gives_published_light_directions() {
                 .angle_between(published_direction)
                 .to_degrees(),
         ));
-        let found = ball_outline(&picture).map_or(f64::INFINITY, |c| {
+        let found = sphere_outline(&picture).map_or(f64::INFINITY, |c| {
             (c.centre.distance(centre) + (c.radius - radius).abs()) / radius
         });
         outlines.push(found);
@@ -96,7 +96,7 @@ fn finds_outlines_of_mirror_balls() {
         let (left, right) = (crop("left"), w - crop("right"));
         let (top, bottom) = (crop("top"), h - crop("bot"));
         let picture = read_picture(&folder.join(format!("{name}.jpg"))).unwrap();
-        let found = ball_outline(&picture).unwrap();
+        let found = sphere_outline(&picture).unwrap();
         let radius = (right - left + bottom - top) / 4.0;
         let centre = DVec2::new((left + right) / 2.0, (top + bottom) / 2.0);
         println!("{name}: found {found:?}, set by hand {centre} {radius}");

@@ -9,7 +9,7 @@ fn record() -> LensRecord {
         DVec2::new(320.5, 240.25),
     );
     lens.coefficients[..5].copy_from_slice(&[-0.28, 0.1, 0.001, -0.002, 0.03]);
-    LensRecord::of_lens(&lens, "scene", "2026-11-21T12:00:00Z".to_owned())
+    LensRecord::from_lens(&lens, "scene", "2026-11-21T12:00:00Z".to_owned())
 }
 
 #[test]

@@ -6,7 +6,7 @@ use super::values::{
 };
 use glam::{DMat4, DVec3, Vec3};
 use penumbra_scene::gltf_file::z_up_from_y_up;
-use penumbra_scene::lamps::MOST_LAMPS;
+use penumbra_scene::lamps::MAX_LAMPS;
 use penumbra_scene::{GroundPlane, VirtualLight, VirtualLightKey, VirtualLightKind};
 use serde::Deserialize;
 use serde::de::Error;
@@ -134,7 +134,7 @@ impl MarkerEntry {
 #[derive(Default, Deserialize)]
 #[serde(expecting = "an object with lights")]
 pub(super) struct LightsEntry {
-    pub lights: Option<List<LightEntry, 0, MOST_LAMPS>>,
+    pub lights: Option<List<LightEntry, 0, MAX_LAMPS>>,
 }
 
 #[derive(Deserialize)]

@@ -73,7 +73,7 @@ impl Calibrator {
         // Read again for each step, which may build on the result of the previous one.
         let rig = RigContext::read(&self.config)?;
         let prepared = (self.make)(request, &rig).map_err(refused)?;
-        if let Some(reason) = missing_device(&prepared.step.wants(), &self.devices) {
+        if let Some(reason) = missing_device(&prepared.step.inputs(), &self.devices) {
             return Err(refused(CalibrationRefusal::Failed { reason }));
         }
         let folder = calibration_folder(&self.config)?.to_owned();
@@ -187,7 +187,7 @@ impl Job {
     }
 
     fn run_step(&self, step: &mut dyn Step) {
-        let wants = step.wants();
+        let wants = step.inputs();
         let feed = LiveFeed {
             hub: &self.hub,
             config: &self.config,

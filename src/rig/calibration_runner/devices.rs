@@ -1,7 +1,7 @@
 //! The devices whose data a calibration step uses.
 
 use crate::wall_date::iso_now;
-use penumbra_calibration::step::{Made, Wants};
+use penumbra_calibration::step::{CalibrationProvenance, StepInputs};
 use penumbra_capture::{Devices, LiveDevice};
 use penumbra_interface::DeviceKind;
 
@@ -9,7 +9,7 @@ use penumbra_interface::DeviceKind;
 /// deliver something. One of the needed cameras is sufficient, and a tracker is required only if no
 /// camera is needed: the step itself reports what it can do without the others.
 #[must_use]
-pub fn missing_device(wants: &Wants, devices: &Devices) -> Option<String> {
+pub fn missing_device(wants: &StepInputs, devices: &Devices) -> Option<String> {
     let needed = [
         ("scene_camera", wants.scene, devices.scene_camera.is_some()),
         (
@@ -34,7 +34,7 @@ pub fn missing_device(wants: &Wants, devices: &Devices) -> Option<String> {
     ))
 }
 
-const fn is_needed(wants: &Wants, kind: DeviceKind) -> bool {
+const fn is_needed(wants: &StepInputs, kind: DeviceKind) -> bool {
     match kind {
         DeviceKind::SceneCamera => wants.scene,
         DeviceKind::EnvironmentCamera => wants.environment,
@@ -44,7 +44,7 @@ const fn is_needed(wants: &Wants, kind: DeviceKind) -> bool {
 
 /// Returns the first needed device that delivers nothing, and why.
 #[must_use]
-pub fn device_problem(wants: &Wants, devices: &[LiveDevice]) -> Option<String> {
+pub fn device_problem(wants: &StepInputs, devices: &[LiveDevice]) -> Option<String> {
     let mut needed = devices.iter().filter(|d| is_needed(wants, d.kind));
     needed.find_map(|device| {
         let reason = device.status().reason?;
@@ -56,13 +56,13 @@ pub fn device_problem(wants: &Wants, devices: &[LiveDevice]) -> Option<String> {
 /// Returns the provenance of a calibration that is made from these devices now: the date, and
 /// names and serial numbers of the needed devices.
 #[must_use]
-pub fn provenance(wants: &Wants, devices: &[LiveDevice]) -> Made {
+pub fn provenance(wants: &StepInputs, devices: &[LiveDevice]) -> CalibrationProvenance {
     let needed = devices.iter().filter(|d| is_needed(wants, d.kind));
     let known: Vec<_> = needed.filter_map(LiveDevice::name_and_serial).collect();
     let names: Vec<String> = known.iter().map(|(name, _)| name.clone()).collect();
     let serials: Vec<String> = known.into_iter().filter_map(|(_, serial)| serial).collect();
     let joined = |texts: Vec<String>| (!texts.is_empty()).then(|| texts.join(" and "));
-    Made {
+    CalibrationProvenance {
         date: iso_now(),
         source: "live".to_owned(),
         device: joined(names),
@@ -75,7 +75,7 @@ mod tests {
     use super::*;
     use penumbra_config::CameraSource;
 
-    const NOTHING: Wants = Wants {
+    const NOTHING: StepInputs = StepInputs {
         scene: false,
         environment: false,
         brackets: false,
@@ -89,18 +89,18 @@ mod tests {
             scene_camera: Some(CameraSource::Replay("a.mcap".into())),
             ..Devices::default()
         };
-        let scene = Wants {
+        let scene = StepInputs {
             scene: true,
             poses: true,
             ..NOTHING
         };
         assert_eq!(missing_device(&scene, &rig), None);
-        let both = Wants {
+        let both = StepInputs {
             environment: true,
             ..scene
         };
         assert_eq!(missing_device(&both, &rig), None);
-        let environment = Wants {
+        let environment = StepInputs {
             environment: true,
             ..NOTHING
         };
@@ -108,7 +108,7 @@ mod tests {
         assert!(
             message.contains("no environment camera") && message.contains("[environment_camera]")
         );
-        let poses = Wants {
+        let poses = StepInputs {
             poses: true,
             ..NOTHING
         };

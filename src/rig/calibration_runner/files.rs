@@ -72,7 +72,7 @@ pub fn write_calibration(
         .filter(|_| found.grade != Grade::Refused || name.starts_with(CHECKS_FOLDER));
     let Some(file) = file else {
         let report = path.with_extension("refused.html");
-        write_part(&report, found.page.as_bytes())?;
+        write_part(&report, found.report.as_bytes())?;
         publish(&report)?;
         return Ok(WrittenFiles {
             report: Some(report),
@@ -81,7 +81,7 @@ pub fn write_calibration(
     };
     let report = path.with_extension("html");
     // Both are on the disk before either replaces an existing file.
-    write_part(&report, found.page.as_bytes())?;
+    write_part(&report, found.report.as_bytes())?;
     write_part(&path, file.as_bytes()).inspect_err(|_| {
         let _ = fs::remove_file(part_path(&report));
     })?;
@@ -169,7 +169,7 @@ mod tests {
             lines: Vec::new(),
             findings: Vec::new(),
             hints: Vec::new(),
-            page: format!("report of {file}"),
+            report: format!("report of {file}"),
             file: Some(file.to_owned()),
         }
     }

@@ -1,8 +1,8 @@
 //! Definition of the intrinsics step: the lens of a camera.
 
 use super::definition::{ParameterError, Parameters, RigContext, StepDefinition};
-use penumbra_calibration::intrinsics::{Board, IntrinsicsStep, Options, SaidLenses};
-use penumbra_calibration::step::{Eye, Step};
+use penumbra_calibration::intrinsics::{Board, IntrinsicsStep, KnownLenses, Options};
+use penumbra_calibration::step::{CameraRole, Step};
 use penumbra_camera::LensModel;
 use penumbra_status::calibration::ParameterForm;
 
@@ -47,18 +47,18 @@ fn make(parameters: &Parameters, rig: &RigContext) -> Result<Box<dyn Step>, Para
     let board = Board::parse(parameters.text("board"))
         .map_err(|error| parameters.invalid("board", error.to_string()))?;
     let camera = match parameters.text("camera") {
-        "environment" => Eye::Environment,
-        _ => Eye::Scene,
+        "environment" => CameraRole::Environment,
+        _ => CameraRole::Scene,
     };
     let model = match (parameters.text("model"), camera) {
-        ("fisheye", _) | ("default", Eye::Environment) => LensModel::KannalaBrandt,
+        ("fisheye", _) | ("default", CameraRole::Environment) => LensModel::KannalaBrandt,
         _ => LensModel::Brown,
     };
     let options = Options {
         model,
         square_pixels: true,
     };
-    let present_lenses = SaidLenses::of(&rig.document);
+    let present_lenses = KnownLenses::of(&rig.document);
     let step = IntrinsicsStep::new(camera, board, options, present_lenses);
     Ok(Box::new(step))
 }

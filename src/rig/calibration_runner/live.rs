@@ -1,7 +1,7 @@
 //! Runs a calibration step on what the devices of a live rig deliver, beside their other users.
 
 use super::step_feeder::StepFeeder;
-use penumbra_calibration::step::{Eye, Progress, Step, Wants};
+use penumbra_calibration::step::{CameraRole, Progress, Step, StepInputs};
 use penumbra_capture::{FrameTap, Hub, Next, TapFilter, TapReader};
 use penumbra_config::Config;
 use penumbra_interface::{Clock, MonotonicTime, SystemClock};
@@ -17,7 +17,7 @@ pub struct StepUpdate<'a> {
     /// The step's progress.
     pub progress: &'a Progress,
     /// The picture that the step has just observed, with its camera.
-    pub picture: Option<(Eye, &'a Picture)>,
+    pub picture: Option<(CameraRole, &'a Picture)>,
     /// Time since the start of the step, seconds.
     pub seconds: f64,
     /// Numbers of inputs so far.
@@ -86,7 +86,7 @@ impl LiveFeed<'_> {
         step: &mut dyn Step,
         report: &mut dyn FnMut(&StepUpdate) -> StepRequest,
     ) -> EndReason {
-        let (tap, reader) = FrameTap::new(filter(&step.wants()));
+        let (tap, reader) = FrameTap::new(filter(&step.inputs()));
         self.hub.set_tap(Some(tap));
         let reason = self.feed(&reader, step, report);
         self.hub.set_tap(None);
@@ -156,7 +156,7 @@ fn is_due(reported_at: MonotonicTime, now: MonotonicTime) -> bool {
     now.seconds_since(reported_at) >= UPDATE_INTERVAL.as_secs_f64()
 }
 
-const fn filter(wants: &Wants) -> TapFilter {
+const fn filter(wants: &StepInputs) -> TapFilter {
     TapFilter {
         scene: wants.scene,
         environment: wants.environment,

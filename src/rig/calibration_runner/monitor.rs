@@ -116,7 +116,7 @@ impl CalibrationMonitor {
             Ok(written) => (written, None),
             Err(trouble) => (WrittenFiles::default(), Some(trouble)),
         };
-        state.report = (found.page.len() <= MAX_REPORT_BYTES).then(|| Arc::from(&*found.page));
+        state.report = (found.report.len() <= MAX_REPORT_BYTES).then(|| Arc::from(&*found.report));
         let report = state.report.is_some();
         let view = &mut state.view;
         view.share = 1.0;
@@ -221,7 +221,10 @@ impl CalibrationControl for CalibrationMonitor {
 
 /// Returns the finite overlay points, pixels.
 fn overlay_points(progress: &Progress) -> Vec<[f32; 2]> {
-    let finite = progress.marks.iter().filter(|point| point.is_finite());
+    let finite = progress
+        .overlay_points
+        .iter()
+        .filter(|point| point.is_finite());
     let points = finite.map(|point| point.as_vec2().to_array());
     points.take(MAX_OVERLAY_POINTS).collect()
 }

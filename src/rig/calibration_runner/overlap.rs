@@ -4,7 +4,7 @@
 use super::vignetting::VignettingCollector;
 use crate::feed::decoder_for;
 use glam::DVec3;
-use penumbra_calibration::radiometric::vignetting::Fit;
+use penumbra_calibration::radiometric::vignetting::VignettingFit;
 use penumbra_camera::EnvironmentView;
 use penumbra_config::Config;
 use penumbra_interface::{Frame, MonotonicTime, RigidTransform};
@@ -33,7 +33,7 @@ pub struct OverlapEstimates {
     /// sees the environment (in a mirrored sphere), or no pair gives an estimate.
     pub gains: Option<(GainEstimate, usize)>,
     /// The scene camera's vignetting; `None` if it could not be fitted.
-    pub vignetting: Option<Fit>,
+    pub vignetting: Option<VignettingFit>,
 }
 
 /// Compares the cameras over a session; `None` if the rig has no environment camera or tracker, or

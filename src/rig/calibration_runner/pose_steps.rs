@@ -4,7 +4,7 @@
 use super::definition::{ParameterError, Parameters, RigContext, StepDefinition, station};
 use crate::markers::tag_map;
 use penumbra_calibration::environment_camera_calibration::{
-    Asked, EnvironmentStep, Kind, KnownRig,
+    EnvironmentCameraKind, EnvironmentOptions, EnvironmentStep, KnownRig,
 };
 use penumbra_calibration::hand_eye_calibration::{
     Landmarks, LatencyChoice, LatencyOptions, LatencyStep, MountingOptions, MountingStep,
@@ -170,14 +170,14 @@ pub(super) const ENVIRONMENT: StepDefinition = StepDefinition {
 
 fn environment(parameters: &Parameters, rig: &RigContext) -> Result<Box<dyn Step>, ParameterError> {
     let fov = number(parameters, "fov", 10.0, 360.0)?;
-    let asked = Asked {
+    let asked = EnvironmentOptions {
         kind: match parameters.text("kind") {
-            "fisheye" => Some(Kind::Fisheye),
-            "sphere" => Some(Kind::Sphere),
+            "fisheye" => Some(EnvironmentCameraKind::Fisheye),
+            "sphere" => Some(EnvironmentCameraKind::Sphere),
             _ => None,
         },
         fov: fov.map(f64::to_radians),
-        ..Asked::default()
+        ..EnvironmentOptions::default()
     };
     let not_ready = |reason: String| ParameterError::RigNotReady { reason };
     let record = rig.files.get(ENVIRONMENT_LENS);

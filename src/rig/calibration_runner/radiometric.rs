@@ -1,7 +1,7 @@
 //! Definition of the radiometric step: tone curves, vignetting, noise and gains of both cameras.
 
 use super::definition::{ParameterError, Parameters, RigContext, StepDefinition};
-use penumbra_calibration::radiometric::step::{Options, Radiometric};
+use penumbra_calibration::radiometric::step::{Radiometric, RadiometricOptions};
 use penumbra_calibration::step::Step;
 use penumbra_camera::EnvironmentView;
 use penumbra_config::Config;
@@ -25,8 +25,8 @@ fn make(_: &Parameters, rig: &RigContext) -> Result<Box<dyn Step>, ParameterErro
 /// Returns the known properties of both cameras (response, picture size in pixels, principal
 /// point in pixels): the rig's, with the responses of the configuration in preference.
 #[must_use]
-pub fn radiometric_options(rig: Option<&RigCalibration>, config: &Config) -> Options {
-    let mut options = rig.map_or_else(Options::default, rig_options);
+pub fn radiometric_options(rig: Option<&RigCalibration>, config: &Config) -> RadiometricOptions {
+    let mut options = rig.map_or_else(RadiometricOptions::default, rig_options);
     let curves = [&config.scene_camera.response, &config.environment.response];
     for (response, curve) in options.responses.iter_mut().zip(curves) {
         if let Some(curve) = curve {
@@ -36,8 +36,8 @@ pub fn radiometric_options(rig: Option<&RigCalibration>, config: &Config) -> Opt
     options
 }
 
-fn rig_options(rig: &RigCalibration) -> Options {
-    let mut options = Options::default();
+fn rig_options(rig: &RigCalibration) -> RadiometricOptions {
+    let mut options = RadiometricOptions::default();
     let scene = &rig.scene_camera;
     options.responses[0] = scene.response.clone();
     options.sizes[0] = Some((scene.camera.width, scene.camera.height));

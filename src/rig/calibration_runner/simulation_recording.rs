@@ -1,6 +1,6 @@
 //! Writes the session that a simulated rig records.
 
-use penumbra_calibration::simulation::{FrameTruth, Rehearsal, fastrak_record};
+use penumbra_calibration::simulation::{FrameTruth, SimulatedRig, fastrak_record};
 use penumbra_interface::{Frame, MonotonicTime, PixelFormat};
 use penumbra_numerics::Random;
 use penumbra_picture::Picture;
@@ -53,7 +53,7 @@ enum Event {
 /// # Errors
 /// The file exists or cannot be written.
 pub fn record_simulation(
-    simulation: &Rehearsal,
+    simulation: &SimulatedRig,
     path: &Path,
     mut report: impl FnMut(f64),
 ) -> Result<Value, SimulationRecordingError> {
@@ -95,7 +95,7 @@ fn instant(seconds: f64) -> MonotonicTime {
 
 /// Returns all events with their times of arrival and of capture or measurement, seconds, sorted by
 /// arrival.
-fn schedule(simulation: &Rehearsal, random: &mut Random) -> Vec<(f64, f64, Event)> {
+fn schedule(simulation: &SimulatedRig, random: &mut Random) -> Vec<(f64, f64, Event)> {
     let options = &simulation.options;
     let mut events = Vec::new();
     let mut cameras = vec![(Camera::Scene, options.rate, 0.0)];
@@ -129,7 +129,7 @@ fn schedule(simulation: &Rehearsal, random: &mut Random) -> Vec<(f64, f64, Event
 
 /// Renders and encodes a picture that is captured at `at` and arrives at `arrival`, seconds.
 fn frame(
-    simulation: &Rehearsal,
+    simulation: &SimulatedRig,
     camera: Camera,
     (arrival, at): (f64, f64),
     random: &mut Random,

@@ -1,7 +1,7 @@
 //! Decodes recorded or delivered events and passes them to a calibration step.
 
 use crate::feed::decoder_for;
-use penumbra_calibration::step::{Eye, Shown, ShownPicture, Step};
+use penumbra_calibration::step::{CameraRole, PictureInput, Step, StepInput};
 use penumbra_config::Config;
 use penumbra_interface::{Frame, MonotonicTime};
 use penumbra_picture::{Picture, decode_into};
@@ -14,7 +14,7 @@ pub(super) struct StepFeeder {
     start: MonotonicTime,
     /// Earliest time of the next picture of a camera and bracket (hundredths of a stop), seconds
     /// since `start`.
-    next: Vec<((Eye, i64), f64)>,
+    next: Vec<((CameraRole, i64), f64)>,
     picture: Picture,
     tracker: Option<(Arc<str>, AnyDecoder)>,
     metres_per_unit: Option<f64>,
@@ -48,23 +48,25 @@ impl StepFeeder {
         event: SessionEvent,
         config: &Config,
         step: &mut dyn Step,
-    ) -> Option<Eye> {
-        let wants = step.wants();
+    ) -> Option<CameraRole> {
+        let wants = step.inputs();
         let (camera, frame) = match event {
-            SessionEvent::Scene(frame) if wants.scene => (Eye::Scene, frame),
-            SessionEvent::Environment(frame) if wants.environment => (Eye::Environment, frame),
+            SessionEvent::Scene(frame) if wants.scene => (CameraRole::Scene, frame),
+            SessionEvent::Environment(frame) if wants.environment => {
+                (CameraRole::Environment, frame)
+            }
             SessionEvent::TrackerBytes {
                 protocol,
                 bytes,
                 arrived_at,
             } if wants.poses => {
                 self.decoder(&protocol).push(&bytes, arrived_at, |sample| {
-                    step.look(&Shown::Pose(&sample))
+                    step.observe(&StepInput::Pose(&sample))
                 });
                 return None;
             }
             SessionEvent::Pose(sample) if wants.poses => {
-                step.look(&Shown::Pose(&sample));
+                step.observe(&StepInput::Pose(&sample));
                 return None;
             }
             _ => return None,
@@ -77,8 +79,8 @@ impl StepFeeder {
             self.damaged += 1;
             return None;
         }
-        step.look(&Shown::Picture(ShownPicture {
-            eye: camera,
+        step.observe(&StepInput::Picture(PictureInput {
+            camera,
             picture: &self.picture,
             captured_at: frame.captured_at,
             bracket_ev: frame.bracket_ev,
@@ -88,7 +90,7 @@ impl StepFeeder {
         Some(camera)
     }
 
-    fn is_due(&mut self, camera: Eye, frame: &Frame, spacing: f64) -> bool {
+    fn is_due(&mut self, camera: CameraRole, frame: &Frame, spacing: f64) -> bool {
         let key = (camera, (100.0 * frame.bracket_ev).round() as i64);
         let at = frame.arrived_at.seconds_since(self.start);
         let known = self.next.iter().position(|(k, _)| *k == key);

@@ -4,7 +4,7 @@ use super::definition::{ParameterError, Parameters, RigContext, StepDefinition, 
 use super::files::CHECKS_FOLDER;
 use super::{intrinsics, pose_steps, radiometric, verify};
 use crate::wall_date::utc_now;
-use penumbra_calibration::step::{Step, Wants};
+use penumbra_calibration::step::{Step, StepInputs};
 use penumbra_status::calibration::StepForm;
 use std::collections::BTreeMap;
 
@@ -76,10 +76,10 @@ pub fn step_title(name: &'static str) -> &'static str {
 /// by `/`.
 #[must_use]
 pub fn calibration_file_name<S: Step + ?Sized>(step: &S) -> String {
-    file_name(step.name(), &step.wants())
+    file_name(step.name(), &step.inputs())
 }
 
-fn file_name(step: &str, wants: &Wants) -> String {
+fn file_name(step: &str, wants: &StepInputs) -> String {
     let name = match step {
         "intrinsics" if wants.environment && !wants.scene => "environment_camera",
         "intrinsics" => "scene_camera",
@@ -121,8 +121,8 @@ mod tests {
             calibration_file_name(&*other.step),
             "calibration/environment_camera.json"
         );
-        assert!(other.step.wants().environment && !other.step.wants().scene);
-        let wants = default.step.wants();
+        assert!(other.step.inputs().environment && !other.step.inputs().scene);
+        let wants = default.step.inputs();
         assert_eq!(file_name("map", &wants), "calibration/markers.json");
         assert!(file_name("verify", &wants).starts_with("calibration/checks/2"));
     }

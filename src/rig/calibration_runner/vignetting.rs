@@ -3,9 +3,9 @@
 use glam::DVec2;
 use glam::DVec3;
 use penumbra_calibration::radiometric::vignetting;
-use penumbra_calibration::radiometric::vignetting::{Fit, Reading};
+use penumbra_calibration::radiometric::vignetting::{Reading, VignettingFit};
 use penumbra_camera::PinholeCamera;
-use penumbra_camera::vignetting::frame;
+use penumbra_camera::vignetting::default_frame;
 use penumbra_interface::RigidTransform;
 use penumbra_scene::RayCaster;
 use penumbra_white_balance::chart::{Photograph, read_codes};
@@ -51,7 +51,7 @@ impl VignettingCollector {
         }
         self.add_points(camera, world_from_camera, rays);
         let camera_from_world = world_from_camera.inverse();
-        let (centre, radius) = frame((camera.width, camera.height), Some(camera.centre));
+        let (centre, radius) = default_frame((camera.width, camera.height), Some(camera.centre));
         for (group, point) in self.points.iter().enumerate() {
             let Some(pixel) = camera.project(camera_from_world.transform_point(*point)) else {
                 continue;
@@ -101,7 +101,7 @@ impl VignettingCollector {
 
     /// Fits the vignetting; `None` if the readings are inconsistent, e.g. because the light
     /// changed, surfaces are glossy or poses are wrong.
-    pub fn fit(&self) -> Option<Fit> {
+    pub fn fit(&self) -> Option<VignettingFit> {
         vignetting::fit(&self.readings)
             .filter(|f| f.used > MIN_USED && f.rms < MAX_RMS && f.edge_sigma < MAX_EDGE_SIGMA)
     }
@@ -148,7 +148,7 @@ mod tests {
 
     /// Renders a table with a smooth pattern from above, through a lens with vignetting `k`.
     fn picture(camera: &PinholeCamera, pose: RigidTransform, k: [f64; 3]) -> Picture {
-        let (centre, radius) = frame((camera.width, camera.height), Some(camera.centre));
+        let (centre, radius) = default_frame((camera.width, camera.height), Some(camera.centre));
         let lens = Vignetting {
             centre,
             radius,
@@ -202,8 +202,8 @@ mod tests {
                 collector.observe(photograph, &camera, pose, &rays);
             }
             let found = collector.fit().unwrap();
-            let truth = 1.0 + k[0] * found.farthest;
-            assert!((found.edge() - truth).abs() < 0.01, "{found:?}");
+            let truth = 1.0 + k[0] * found.max_rho_squared;
+            assert!((found.edge_brightness() - truth).abs() < 0.01, "{found:?}");
         }
         assert_eq!(VignettingCollector::default().fit(), None);
     }

@@ -6,7 +6,7 @@ use penumbra_config::Config;
 use penumbra_interface::threads;
 use penumbra_interface::{Frame, PixelFormat, RigidTransform};
 use penumbra_rig_model::RigDocument;
-use penumbra_session::LightNote;
+use penumbra_session::LightRecord;
 use penumbra_session::SessionWriter;
 use std::io::Cursor;
 use std::path::Path;
@@ -132,7 +132,7 @@ fn a_replay_pairs_as_the_live_rig_did_and_knows_what_its_light_saw() {
             let entry = SessionEvent::Prepared {
                 at: at(40 * n + 90),
                 arrived_at: shown,
-                light: (n > 0).then_some(LightNote {
+                light: (n > 0).then_some(LightRecord {
                     seen: n == 4,
                     lit_by: Some(at(0)),
                 }),
@@ -152,7 +152,7 @@ fn a_replay_pairs_as_the_live_rig_did_and_knows_what_its_light_saw() {
     }
     let skipped = JournalEntry::Skipped;
     let composed = |seen| {
-        JournalEntry::Composed(Some(LightNote {
+        JournalEntry::Composed(Some(LightRecord {
             seen,
             lit_by: Some(at(0)),
         }))

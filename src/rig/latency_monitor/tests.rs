@@ -41,7 +41,7 @@ fn hand(t: f64) -> DQuat {
     DQuat::from_scaled_axis(swing)
 }
 
-fn watched(mut watch: LatencyMonitor) -> (LatencyMonitor, Followed) {
+fn watched(mut watch: LatencyMonitor) -> (LatencyMonitor, OffsetState) {
     let stamp = |t: f64| MonotonicTime::from_nanos((t * 1e9) as i64);
     for i in 0..12 * 60 {
         let t = f64::from(i) / 60.0;
@@ -77,7 +77,7 @@ fn both_modes_measure_the_same_latency_and_only_apply_requests_it() {
     let (reported, by_thread) = watched(watch(beside(), false));
     let (applied, inline) = watched(watch(Mode::SameThread(Box::default()), true));
     assert_eq!(by_thread, inline);
-    let measured = inline.measured.unwrap();
+    let measured = inline.offset.unwrap();
     assert!((measured.seconds - 0.035).abs() < 5e-4, "{measured:?}");
     assert_eq!(reported.requested_latency(), None);
     let requested = applied.requested_latency().unwrap();
@@ -85,7 +85,7 @@ fn both_modes_measure_the_same_latency_and_only_apply_requests_it() {
     // Readings of another station are ignored.
     let mut other = watch(beside(), true);
     other.station = Some(1);
-    assert_eq!(watched(other).1.measured, None);
+    assert_eq!(watched(other).1.offset, None);
 }
 
 #[test]

@@ -16,7 +16,7 @@ use penumbra_config::{Config, Unseen, WhiteBalanceMethod};
 use penumbra_interface::RigidTransform;
 use penumbra_lighting::Filtering;
 use penumbra_lighting::{
-    BallSeen, Bracket, EnvironmentEstimator, EnvironmentInput, LightPlacement, Lighting,
+    Bracket, EnvironmentEstimator, EnvironmentInput, LightPlacement, Lighting, SpherePosition,
 };
 use penumbra_picture::{Picture, PictureError, YuvEncoding, decode_into};
 use penumbra_rig_model::Attachments;
@@ -150,8 +150,8 @@ impl LightEstimator {
             ground_radiance: self.ground.radiance(),
             measured_ground_irradiance: None,
             hidden: Some(&hidden),
-            hider_radiance: self.phantoms.mean(),
-            ball: ball(scene, &self.rig),
+            occluder_radiance: self.phantoms.mean(),
+            sphere_position: ball(scene, &self.rig),
             captured_at: scene.captured_at,
         })?;
         self.lighting = Some(lighting);
@@ -185,8 +185,8 @@ impl LightEstimator {
             },
             measured_ground_irradiance: None,
             hidden: None,
-            hider_radiance: None,
-            ball: None,
+            occluder_radiance: None,
+            sphere_position: None,
             captured_at: set.captured_at,
         })?;
         self.lighting = Some(lighting);
@@ -316,7 +316,7 @@ impl LightEstimator {
     /// Rotates that dome with the model whose planes it lights.
     pub fn turn_faces(&mut self, world_from_dome: Quat) {
         if let Some(estimator) = &mut self.estimator {
-            estimator.turn_faces(world_from_dome);
+            estimator.rotate_faces(world_from_dome);
         }
     }
 
@@ -357,13 +357,15 @@ impl LightEstimator {
 }
 
 /// Returns the assumed position of the mirrored sphere in this picture.
-fn ball(scene: &SceneView<'_>, rig: &RigCalibration) -> Option<BallSeen> {
+fn ball(scene: &SceneView<'_>, rig: &RigCalibration) -> Option<SpherePosition> {
     match (scene.ball, rig.environment.as_ref().map(|e| &e.view)) {
         (SphereAt::Seen(ball), _) => Some(ball),
-        (SphereAt::Calibrated, Some(EnvironmentView::SphereInScene { sphere })) => Some(BallSeen {
-            centre_in_world: sphere.centre_in_world,
-            sigma: UNTOLD_SIGMA,
-        }),
+        (SphereAt::Calibrated, Some(EnvironmentView::SphereInScene { sphere })) => {
+            Some(SpherePosition {
+                centre_in_world: sphere.centre_in_world,
+                sigma: UNTOLD_SIGMA,
+            })
+        }
         _ => None,
     }
 }

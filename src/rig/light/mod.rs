@@ -1,11 +1,11 @@
 //! The light of a frame, at the scene camera's white point.
 //!
-//! In the order in which data flows: the [`scheduler`] decides which light a frame is composed
-//! in and when its own is estimated; the [`worker`] runs the estimate, on its own thread in a live
+//! In the order in which data flows: the `scheduler` decides which light a frame is composed
+//! in and when its own is estimated; the `worker` runs the estimate, on its own thread in a live
 //! rig; the [`estimator`] turns environment pictures, gains ([`estimator`]) and the radiance of
-//! real surfaces ([`surfaces`]) into lighting, and `indirect` adds the light that moving virtual
+//! real surfaces (`surfaces`) into lighting, and `indirect` adds the light that moving virtual
 //! objects reflect. `scene_tables` holds what the estimator derives from a scene; a changed scene
-//! reaches it through [`updates`]. [`state`] and [`view`] are the data in between.
+//! reaches it through `updates`. `state` and `view` are the data in between.
 
 pub mod estimator;
 mod indirect;

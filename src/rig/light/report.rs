@@ -67,7 +67,7 @@ fn belief(
         return Ok(None);
     };
     let scene = pose.map(|pose| (pose, &rig.scene_camera.camera));
-    let report = LightReport::of_estimator(estimator, lighting, &environment.view, scene, gains)?;
+    let report = LightReport::from_estimator(estimator, lighting, &environment.view, scene, gains)?;
     Ok(Some(report))
 }
 

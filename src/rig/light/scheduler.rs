@@ -13,7 +13,7 @@ use crate::light::state::{ActiveLight, LightRequest, LightResult};
 use crate::light::worker::{LightUpdater, LightWorker};
 use penumbra_interface::MonotonicTime;
 use penumbra_picture::Picture;
-use penumbra_session::LightNote;
+use penumbra_session::LightRecord;
 
 /// Holds the active light and schedules the next estimates.
 pub(crate) struct LightScheduler {
@@ -71,7 +71,7 @@ impl LightScheduler {
         seen: &LightRequest,
         picture: &Picture,
         noted: JournalEntry,
-    ) -> Option<LightNote> {
+    ) -> Option<LightRecord> {
         match &mut self.way {
             Mode::Own(lighter) => {
                 self.force.enter(lighter.work_out(seen, picture));

@@ -1,7 +1,7 @@
 //! The scene camera's side of a light estimate.
 
 use penumbra_interface::{Exposure, MonotonicTime, RigidTransform};
-use penumbra_lighting::BallSeen;
+use penumbra_lighting::SpherePosition;
 use penumbra_picture::Picture;
 
 /// Position of a mirrored sphere in the scene camera's picture.
@@ -10,7 +10,7 @@ pub enum SphereAt {
     /// As calibrated.
     Calibrated,
     /// As observed in this picture.
-    Seen(BallSeen),
+    Seen(SpherePosition),
     /// Unknown: the sphere is movable and its marker is not visible, so this picture gives no light.
     Lost,
 }

@@ -11,7 +11,7 @@ use penumbra_config::Technique;
 use penumbra_interface::threads;
 use penumbra_lighting::{Lighting, cube};
 use penumbra_picture::Picture;
-use penumbra_session::LightNote;
+use penumbra_session::LightRecord;
 use penumbra_status::{Settings, environment_preview};
 use std::sync::Arc;
 use std::thread::JoinHandle;
@@ -181,7 +181,7 @@ impl LightWorker {
         force: &mut ActiveLight,
         seen: &LightRequest,
         picture: &Picture,
-    ) -> LightNote {
+    ) -> LightRecord {
         if let Ok(finished) = self.finished.try_recv() {
             self.take(force, finished);
         }
@@ -192,7 +192,7 @@ impl LightWorker {
         } else {
             force.of
         };
-        LightNote { seen: sees, lit_by }
+        LightRecord { seen: sees, lit_by }
     }
 
     fn hand_over(&mut self, seen: &LightRequest, picture: &Picture) -> bool {

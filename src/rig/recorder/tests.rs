@@ -29,7 +29,7 @@ fn recorder(folder: &Path, reserve_bytes: u64) -> (Arc<Hub>, Arc<SharedStatus>, 
     let status = SharedStatus::new(Settings::default());
     let config = RecordingConfig {
         folder: folder.join("recordings"),
-        longest_nanos: None,
+        max_duration_nanos: None,
         reserve_bytes,
     };
     let recorder = Recorder::new(hub.clone(), Arc::default(), config, status.clone());

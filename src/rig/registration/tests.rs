@@ -45,7 +45,7 @@ fn station(map: Option<TagMap>, ball: Option<DVec3>, carried: bool) -> TagRegist
 
 fn picture(tags: &[Tag]) -> Picture {
     let camera = synthetic::camera();
-    let codes = synthetic::picture(&camera, camera_from_map(), tags, 1.0);
+    let codes = synthetic::render(&camera, camera_from_map(), tags, 1.0);
     Picture {
         width: camera.width,
         height: camera.height,
@@ -90,7 +90,7 @@ fn a_ball_beside_a_marker_is_told_with_the_poses_uncertainty_and_not_without_it(
 fn a_carried_ball_goes_where_its_marker_goes_and_is_lost_with_it() {
     let mut station = station(None, None, true);
     let tracked = ByTracker {
-        pose: Some(Tracked {
+        pose: Some(TrackerPose {
             world_from_camera: camera_from_map().inverse(),
             noise: [0.0; 2],
         }),

@@ -126,9 +126,12 @@ fn reads_material_with_extensions() {
 fn with_specular(extension: &Value) -> Value {
     let mut d = document();
     d["materials"][0]["extensions"]["KHR_materials_specular"] = extension.clone();
-    d["materials"][1] = d["materials"][0].clone();
-    d["meshes"][0]["primitives"][1] = d["meshes"][0]["primitives"][0].clone();
-    d["meshes"][0]["primitives"][1]["material"] = json!(1);
+    let material = d["materials"][0].clone();
+    d["materials"] = json!([material, material]);
+    let mut primitive = d["meshes"][0]["primitives"][0].clone();
+    let first = primitive.clone();
+    primitive["material"] = json!(1);
+    d["meshes"][0]["primitives"] = json!([first, primitive]);
     d
 }
 

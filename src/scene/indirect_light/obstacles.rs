@@ -5,6 +5,10 @@ use crate::mesh::{Part, Scene};
 use crate::raycast::{Hit, RayCaster};
 use glam::Vec3;
 
+/// A surface counts as nearer than the ground from this share of the distance to the ground: a
+/// phantom that lies in the ground is the ground, in spite of rounding.
+const NEARER: f64 = 1.0 - 1e-5;
+
 /// Virtual casters, phantoms and the ground.
 pub(super) struct Obstacles {
     /// Virtual casters, then the phantoms without the ground.
@@ -68,7 +72,7 @@ impl Obstacles {
         let to_floor = self.floor.map(|f| (f - origin.z) / direction.z);
         let to_floor = to_floor.filter(|t| *t > 0.0 && direction.z < 0.0);
         match (hit, to_floor) {
-            (Some(hit), t) if t.is_none_or(|t| hit.distance < f64::from(t)) => {
+            (Some(hit), t) if t.is_none_or(|t| hit.distance < NEARER * f64::from(t)) => {
                 let normal = hit.shading_normal.as_vec3();
                 match hit.surface.checked_sub(virtual_parts) {
                     Some(part) => FirstHit::Phantom(6 * part + side_of(normal)),

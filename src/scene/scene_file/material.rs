@@ -6,7 +6,7 @@ use crate::gltf_material::decode;
 use crate::mesh::{Material, Mesh, Part, Phong, SceneTexture};
 use crate::normals::recompute_tangents;
 use glam::{Vec2, Vec3};
-use penumbra_lighting::lobes::LARGEST_EXPONENT;
+use penumbra_lighting::lobes::MAX_EXPONENT;
 use penumbra_strict_toml::Fault;
 use std::path::Path;
 use std::sync::Arc;
@@ -110,8 +110,8 @@ fn with_phong(out: &mut Material, file: &PhongFile, at: &str) -> Result<(), Faul
     let exponent = file
         .exponent
         .ok_or_else(|| missing("exponent", "0 to 10000"))?;
-    if !(0.0..=f64::from(LARGEST_EXPONENT)).contains(&exponent) {
-        let reason = format!("expected a number from 0 to {LARGEST_EXPONENT}, found {exponent}");
+    if !(0.0..=f64::from(MAX_EXPONENT)).contains(&exponent) {
+        let reason = format!("expected a number from 0 to {MAX_EXPONENT}, found {exponent}");
         return Err(wrong("exponent", reason));
     }
     if let Some(Colour(rgb)) = file.diffuse {

@@ -3,7 +3,7 @@
 use super::typed::{Entry, LampFile};
 use super::{Surroundings, lamp, motion, refuse_phantom_keys};
 use crate::error::SceneError;
-use crate::lamps::MOST_LAMPS;
+use crate::lamps::MAX_LAMPS;
 use crate::mesh::Part;
 use crate::motion::{Motion, Motions, Mover};
 use crate::virtual_light::VirtualLight;
@@ -78,8 +78,8 @@ impl Placed {
         white: Option<f64>,
     ) -> Result<(), SceneError> {
         let located = |fault: Fault| SceneError::from(text.locate(fault));
-        if self.lamps.len() + lamps.len() > MOST_LAMPS {
-            let reason = format!("expected at most {MOST_LAMPS} lamps");
+        if self.lamps.len() + lamps.len() > MAX_LAMPS {
+            let reason = format!("expected at most {MAX_LAMPS} lamps");
             return Err(located(Fault::new("lamp", reason)));
         }
         for (i, file) in lamps.iter().enumerate() {

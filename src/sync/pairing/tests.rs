@@ -361,7 +361,7 @@ fn deadline_is_the_end_of_the_wait_without_arrivals() {
     assert!(pairing.pop().is_none());
     pairing.advance(deadline);
     assert_eq!(pairing.pop().unwrap().index, 0);
-    pairing.pass_over(at(70));
+    pairing.skip_scene(at(70));
     pairing.push_scene(picture(100, 100, 0.0));
     pairing.push_pose(&reading(120));
     let due = pairing.deadline().unwrap();
@@ -373,7 +373,7 @@ fn deadline_is_the_end_of_the_wait_without_arrivals() {
 fn latency_approaches_its_target_by_a_millisecond_per_second() {
     let mut pairing = pairing(|config| config.tracker_latency_nanos = 20 * MILLI);
     pairing.push_pose(&reading(0));
-    pairing.wish_tracker_latency(5 * MILLI);
+    pairing.set_target_latency(5 * MILLI);
     let mut last = None;
     for millis in (8..=30_000).step_by(8) {
         let before = pairing.tracker_latency();
@@ -388,7 +388,7 @@ fn latency_approaches_its_target_by_a_millisecond_per_second() {
     assert_eq!(pairing.tracker_latency(), 5 * MILLI);
     assert_eq!(pairing.counts().rejected_poses, 0);
     // It does not jump after a silence.
-    pairing.wish_tracker_latency(15 * MILLI);
+    pairing.set_target_latency(15 * MILLI);
     pairing.push_pose(&reading(90_000));
     assert!(pairing.tracker_latency() < 6 * MILLI);
 }

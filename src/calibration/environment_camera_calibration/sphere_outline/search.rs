@@ -11,7 +11,7 @@ const TRIES: usize = 8000;
 
 /// Approximate position of the sphere in the picture, pixels.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct RoughBall {
+pub struct RoughSphere {
     /// A point on it, ideally its centre.
     pub centre: DVec2,
     /// Its radius, if known.
@@ -22,7 +22,7 @@ pub struct RoughBall {
 pub(super) fn sample(
     all: &[EdgeStep],
     camera: &PinholeCamera,
-    rough: &RoughBall,
+    rough: &RoughSphere,
     near: f64,
 ) -> Option<DVec3> {
     let bearings: Vec<DVec3> = all.iter().map(|s| camera.unproject(s.at)).collect();

@@ -61,13 +61,13 @@ fn check(found: &Outline, max_error: f64) {
 
 #[test]
 fn finds_sphere_before_tiles_within_a_fifth_of_a_pixel() {
-    let rough = RoughBall {
+    let rough = RoughSphere {
         centre: DVec2::new(285.0, 170.0),
         radius: None,
     };
     let planes = planes(2.0, |_| false);
     check(&outline(&planes, &camera(), rough).unwrap(), 0.2);
-    let rough = RoughBall {
+    let rough = RoughSphere {
         centre: DVec2::new(280.0, 185.0),
         radius: Some(150.0),
     };
@@ -77,7 +77,7 @@ fn finds_sphere_before_tiles_within_a_fifth_of_a_pixel() {
 #[test]
 fn finds_sphere_with_a_third_hidden() {
     let planes = planes(2.0, |p| p.x + 0.4 * p.y < 240.0);
-    let rough = RoughBall {
+    let rough = RoughSphere {
         centre: DVec2::new(290.0, 180.0),
         radius: None,
     };
@@ -88,12 +88,12 @@ fn finds_sphere_with_a_third_hidden() {
 fn rejects_wall() {
     let (codes, _) = render((480, 400), 2.0, |p| if p.x < 200.0 { 0.2 } else { 0.5 });
     let planes = [codes.clone(), codes.clone(), codes];
-    let rough = RoughBall {
+    let rough = RoughSphere {
         centre: DVec2::new(240.0, 200.0),
         radius: None,
     };
     assert!(outline(&planes, &camera(), rough).is_err());
-    let rough = RoughBall {
+    let rough = RoughSphere {
         centre: DVec2::NAN,
         radius: None,
     };

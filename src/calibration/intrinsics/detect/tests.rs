@@ -5,7 +5,7 @@ use crate::intrinsics::drawn::{BoardRenderer, pose};
 use glam::{DVec2, DVec3};
 use penumbra_camera::{Lens, LensModel};
 use penumbra_picture::Picture;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 const BOARD: Board = Board::Chess {
     columns: 9,
@@ -200,14 +200,12 @@ fn no_board_is_no_board() {
 
 /// The folder of real data, where it is.
 fn photographs() -> Option<PathBuf> {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data/calibration");
-    folder.is_dir().then(|| folder.join("opencv_stereo_chess"))
+    penumbra_test_data::shared("data/calibration/opencv_stereo_chess")
 }
 
 #[test]
 fn every_photograph_of_opencvs_boards_shows_54_corners() {
     let Some(folder) = photographs() else {
-        eprintln!("skipped: no photographs at ../../../shared/data/calibration");
         return;
     };
     for side in ["left", "right"] {

@@ -7,7 +7,6 @@ use crate::intrinsics::{Board, Correspondence};
 use glam::DVec3;
 use penumbra_numerics::Random;
 use penumbra_picture::Picture;
-use std::path::Path;
 
 const BOARD: Board = Board::Chess {
     columns: 9,
@@ -16,12 +15,7 @@ const BOARD: Board = Board::Chess {
 };
 
 fn photographs(side: &str) -> Option<Vec<View>> {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR"))
-        .join("../../../shared/data/calibration/opencv_stereo_chess");
-    if !folder.is_dir() {
-        eprintln!("skipped: no photographs at ../../../shared/data/calibration");
-        return None;
-    }
+    let folder = penumbra_test_data::shared("data/calibration/opencv_stereo_chess")?;
     let view = |n: u32| {
         let name = format!("{side}{n:02}.jpg");
         let bytes = std::fs::read(folder.join(&name)).unwrap();
@@ -93,12 +87,10 @@ fn a_pinholes_pictures_fit_a_fisheyes_model_too() {
 /// f 337.0 and 336.7 and is left with 0.3851 px at the window that suits it best, 11.
 #[test]
 fn recovers_published_real_fisheye() {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR"))
-        .join("../../../shared/data/probes-fisheye/fisheye/ocam_fisheye1");
-    if !folder.is_dir() {
-        eprintln!("skipped: no photographs at ../../../shared/data/probes-fisheye");
+    let photographs = "data/probes-fisheye/fisheye/ocam_fisheye1";
+    let Some(folder) = penumbra_test_data::shared(photographs) else {
         return;
-    }
+    };
     let view = |n: u32| {
         let name = format!("Fisheye1_{n}.jpg");
         let bytes = std::fs::read(folder.join(&name)).unwrap();

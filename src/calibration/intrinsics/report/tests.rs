@@ -23,7 +23,7 @@ fn report_shows_result_and_escapes_names() {
             lines: outcome.result.iter().flat_map(lines).collect(),
             findings: Vec::new(),
             hints: Vec::new(),
-            page: String::new(),
+            report: String::new(),
             file: None,
         };
         page(

@@ -2,7 +2,7 @@
 use super::*;
 use crate::intrinsics::drawn::BoardRenderer;
 use crate::intrinsics::estimate::tests::{pinhole, poses_of};
-use crate::step::ShownPicture;
+use crate::step::PictureInput;
 use penumbra_camera::LensModel;
 use penumbra_interface::MonotonicTime;
 
@@ -13,7 +13,7 @@ const OPTIONS: Options = Options {
 
 fn step(board: &str) -> IntrinsicsStep {
     let board = Board::parse(board).unwrap();
-    IntrinsicsStep::new(Eye::Scene, board, OPTIONS, SaidLenses::default())
+    IntrinsicsStep::new(CameraRole::Scene, board, OPTIONS, KnownLenses::default())
 }
 
 fn picture(grey: &Grey) -> Picture {
@@ -28,8 +28,8 @@ fn picture(grey: &Grey) -> Picture {
     }
 }
 
-fn made() -> Made {
-    Made {
+fn made() -> CalibrationProvenance {
+    CalibrationProvenance {
         date: "2026-01-02T03:04:05Z".to_owned(),
         source: "a.mcap".to_owned(),
         device: Some("webcam".to_owned()),
@@ -46,12 +46,12 @@ fn board_in_front_of_camera_gives_lens() {
     let draughtsman = BoardRenderer::new(&lens);
     let poses = poses_of(&board, 16, (0.4, 0.25), 5);
     let mut step = step("charuco:9x6:0.03:0.022:5x5_50");
-    assert!(step.wants().scene && !step.wants().environment && !step.wants().poses);
+    assert!(step.inputs().scene && !step.inputs().environment && !step.inputs().poses);
     let mut hints = Vec::new();
     for (i, pose) in poses.iter().enumerate() {
         let picture = picture(&draughtsman.draw(&board, *pose, 0.6, 1.0));
-        step.look(&Shown::Picture(ShownPicture {
-            eye: Eye::Scene,
+        step.observe(&StepInput::Picture(PictureInput {
+            camera: CameraRole::Scene,
             picture: &picture,
             captured_at: MonotonicTime::from_nanos(0),
             bracket_ev: 0.0,
@@ -60,7 +60,7 @@ fn board_in_front_of_camera_gives_lens() {
         }));
         let progress = step.progress();
         assert!(
-            !progress.marks.is_empty() && progress.eye == Some(Eye::Scene),
+            !progress.overlay_points.is_empty() && progress.camera == Some(CameraRole::Scene),
             "{i}"
         );
         hints.push(progress.hint);
@@ -82,7 +82,7 @@ fn board_in_front_of_camera_gives_lens() {
     let off = (record.focal[0] / lens.focal.x - 1.0).abs();
     assert!(off < 0.005, "{:?} {}", record.focal, lens.focal);
     assert_eq!(record.device.unwrap().serial.as_deref(), Some("A1"));
-    assert!(found.page.contains("Lens of the scene camera") && found.page.contains("Next: "));
+    assert!(found.report.contains("Lens of the scene camera") && found.report.contains("Next: "));
 }
 
 #[test]

@@ -4,7 +4,7 @@ use super::camera_assessment::{assess_camera, assess_chart};
 use super::camera_data::CameraData;
 use super::camera_result::{CAMERAS, CameraResult};
 use super::gains::Gains;
-use super::options::Options;
+use super::options::RadiometricOptions;
 use super::summary::Summary;
 use crate::step::{Finished, Progress};
 use glam::DVec3;
@@ -38,8 +38,8 @@ pub(super) fn progress(data: &[CameraData; 2]) -> Progress {
                  static pairs"
         ),
         hint: hint.to_owned(),
-        marks: data[last].overlay_points.clone(),
-        eye: (!data[last].overlay_points.is_empty()).then_some(CAMERAS[last]),
+        overlay_points: data[last].overlay_points.clone(),
+        camera: (!data[last].overlay_points.is_empty()).then_some(CAMERAS[last]),
     }
 }
 
@@ -48,7 +48,7 @@ pub(super) fn assess(
     data: &[CameraData; 2],
     cameras: &[CameraResult; 2],
     gains: &Gains,
-    options: &Options,
+    options: &RadiometricOptions,
 ) -> Finished {
     let mut summary = Summary::default();
     check_swapped(&mut summary, data, options);
@@ -83,12 +83,12 @@ pub(super) fn assess(
         lines,
         findings,
         hints,
-        page: String::new(),
+        report: String::new(),
         file: None,
     }
 }
 
-fn check_swapped(summary: &mut Summary, data: &[CameraData; 2], options: &Options) {
+fn check_swapped(summary: &mut Summary, data: &[CameraData; 2], options: &RadiometricOptions) {
     let [Some(scene), Some(environment)] = options.sizes else {
         return;
     };

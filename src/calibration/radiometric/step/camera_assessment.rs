@@ -4,7 +4,7 @@ use super::camera_data::CameraData;
 use super::camera_result::{CAMERAS, CameraResult, is_significant};
 use super::colours::Colours;
 use super::gains::{ChartEvaluation, evaluate};
-use super::options::Options;
+use super::options::RadiometricOptions;
 use super::summary::Summary;
 use crate::radiometric::curve::{Curve, NoCurve};
 use penumbra_rig_model::Grade;
@@ -22,7 +22,7 @@ pub(super) fn assess_chart(
     i: usize,
     eye: &CameraData,
     camera: &CameraResult,
-    options: &Options,
+    options: &RadiometricOptions,
 ) {
     let name = CAMERAS[i].name();
     let Some(seen) = eye.charts.first() else {
@@ -152,7 +152,10 @@ pub(super) fn assess_camera(summary: &mut Summary, i: usize, camera: &CameraResu
         });
     }
     if let Some((fit, flat)) = &camera.vignetting {
-        let (edge, sigma) = (100.0 * (fit.edge() - 1.0), 100.0 * fit.edge_sigma);
+        let (edge, sigma) = (
+            100.0 * (fit.edge_brightness() - 1.0),
+            100.0 * fit.edge_sigma,
+        );
         summary.lines.push(match (is_significant(fit), flat) {
             (true, true) => {
                 format!("{name} camera: brightness at the edge {edge:+.1} ± {sigma:.1} %")

@@ -5,10 +5,10 @@ use crate::radiometric::curve::SeriesGatherer;
 use crate::radiometric::noise::NoiseGatherer;
 use crate::radiometric::vignetting;
 use crate::radiometric::vignetting::Reading;
-use crate::step::ShownPicture;
+use crate::step::PictureInput;
 use glam::DVec2;
 use penumbra_camera::Response;
-use penumbra_camera::vignetting::frame;
+use penumbra_camera::vignetting::default_frame;
 use penumbra_picture::Picture;
 use penumbra_white_balance::chart::{Patch, read_codes};
 
@@ -43,7 +43,7 @@ pub(super) struct CameraData {
     pub overlay_points: Vec<DVec2>,
     pub exposure: Option<f64>,
     /// Vignetting found from a moving camera.
-    pub moving: Option<vignetting::Fit>,
+    pub moving: Option<vignetting::VignettingFit>,
     flats: Vec<Reading>,
     flat_pictures: usize,
     before: Option<(Picture, f64, Option<f64>)>,
@@ -67,7 +67,7 @@ const EXPOSURE_TOLERANCE: f64 = 0.05;
 
 impl CameraData {
     /// Adds a picture; `grey` is the grey card's x, y, width and height, pixels.
-    pub fn add(&mut self, shown: &ShownPicture, grey: Option<[u32; 4]>) {
+    pub fn add(&mut self, shown: &PictureInput, grey: Option<[u32; 4]>) {
         self.size = (shown.picture.width, shown.picture.height);
         self.add_to_bracket(shown);
         if shown.bracket_ev != 0.0 {
@@ -82,7 +82,7 @@ impl CameraData {
         self.compare(shown);
     }
 
-    fn search(&mut self, shown: &ShownPicture) {
+    fn search(&mut self, shown: &PictureInput) {
         if self.next_search.is_some_and(|next| shown.seconds < next)
             || self.charts.len() >= MAX_CHARTS
         {
@@ -108,7 +108,7 @@ impl CameraData {
 
     /// Compares a picture with the one before: an exposure series if the exposure changed, noise if
     /// nothing moved.
-    fn compare(&mut self, shown: &ShownPicture) {
+    fn compare(&mut self, shown: &PictureInput) {
         if let Some((before, seconds, exposure)) = &self.before
             && shown.seconds - seconds < MAX_GAP
             && (before.width, before.height) == self.size
@@ -132,7 +132,7 @@ impl CameraData {
         (*seconds, *exposure) = (shown.seconds, shown.exposure);
     }
 
-    fn add_to_bracket(&mut self, shown: &ShownPicture) {
+    fn add_to_bracket(&mut self, shown: &PictureInput) {
         let at = shown.captured_at.as_nanos();
         if shown.bracket_ev == 0.0
             || self
@@ -160,7 +160,7 @@ impl CameraData {
     pub fn add_flat(&mut self, picture: &Picture, response: &Response, centre: Option<DVec2>) {
         const BLOCK: u32 = 8;
         self.size = (picture.width, picture.height);
-        let (centre, radius) = frame(self.size, centre);
+        let (centre, radius) = default_frame(self.size, centre);
         let group = self.flat_pictures;
         self.flat_pictures += 1;
         let step = (picture.width / 48).max(BLOCK);
@@ -188,7 +188,7 @@ impl CameraData {
     }
 
     /// Returns the vignetting, and whether it is from pictures of a uniform surface.
-    pub fn vignetting(&self) -> Option<(vignetting::Fit, bool)> {
+    pub fn vignetting(&self) -> Option<(vignetting::VignettingFit, bool)> {
         let flat = vignetting::fit(&self.flats).map(|fit| (fit, true));
         flat.or_else(|| Some((self.moving.clone()?, false)))
     }

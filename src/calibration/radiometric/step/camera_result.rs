@@ -2,8 +2,8 @@
 
 use crate::radiometric::curve::{Curve, NoCurve};
 use crate::radiometric::noise::Noise;
-use crate::radiometric::vignetting::Fit;
-use crate::step::Eye;
+use crate::radiometric::vignetting::VignettingFit;
+use crate::step::CameraRole;
 use penumbra_camera::Response;
 
 /// Maximum relative standard error of a measured curve that replaces the known one.
@@ -14,7 +14,7 @@ const SAME_SIGMAS: f64 = 3.0;
 const SAME_CURVE: f64 = 0.03;
 
 /// The cameras in the order of all arrays of two.
-pub(super) const CAMERAS: [Eye; 2] = [Eye::Scene, Eye::Environment];
+pub(super) const CAMERAS: [CameraRole; 2] = [CameraRole::Scene, CameraRole::Environment];
 
 /// Results for one camera.
 #[derive(Clone, Debug, Default)]
@@ -26,7 +26,7 @@ pub(super) struct CameraResult {
     pub replaces: bool,
     pub noise: Option<Noise>,
     /// Vignetting, and whether it is from pictures of a uniform surface: only then it is used.
-    pub vignetting: Option<(Fit, bool)>,
+    pub vignetting: Option<(VignettingFit, bool)>,
     pub size: (u32, u32),
 }
 
@@ -64,7 +64,7 @@ pub(super) fn choose_response(
 }
 
 /// Returns whether vignetting is significant: half a per cent at the edge, and three standard errors.
-pub(super) fn is_significant(fit: &Fit) -> bool {
-    let edge = (fit.edge() - 1.0).abs();
+pub(super) fn is_significant(fit: &VignettingFit) -> bool {
+    let edge = (fit.edge_brightness() - 1.0).abs();
     edge > 0.005 && edge > 3.0 * fit.edge_sigma
 }

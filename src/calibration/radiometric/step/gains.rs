@@ -3,7 +3,7 @@
 use super::camera_data::CameraData;
 use super::camera_result::CameraResult;
 use super::colours::Colours;
-use super::options::Options;
+use super::options::RadiometricOptions;
 use crate::radiometric::reference::{GREYS, NAMES};
 use glam::{DMat3, DVec3};
 use penumbra_camera::Response;
@@ -65,7 +65,7 @@ impl Gains {
 pub(super) fn between(
     data: &[CameraData; 2],
     cameras: &[CameraResult; 2],
-    options: &Options,
+    options: &RadiometricOptions,
     scene: Option<&(GainEstimate, String)>,
 ) -> Gains {
     let responses = [0, 1].map(|i| {
@@ -194,7 +194,7 @@ pub(super) struct ChartEvaluation {
 }
 
 /// Evaluates the patches of a chart in one camera.
-pub(super) fn evaluate(patches: &[Patch], options: &Options) -> ChartEvaluation {
+pub(super) fn evaluate(patches: &[Patch], options: &RadiometricOptions) -> ChartEvaluation {
     let reference = options.edition.linear();
     let lost = |(_, p): &(usize, &Patch)| p.0.iter().any(Option::is_none);
     let mut evaluation = ChartEvaluation {

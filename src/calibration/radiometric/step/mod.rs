@@ -15,14 +15,16 @@ mod options;
 mod report;
 mod summary;
 
-pub use options::Options;
+pub use options::RadiometricOptions;
 
 use super::curve;
 use super::vignetting;
-use crate::step::{Eye, Finished, Made, Progress, Shown, Step, Wants};
+use crate::step::{
+    CalibrationProvenance, CameraRole, Finished, Progress, Step, StepInput, StepInputs,
+};
 use camera_data::CameraData;
 use camera_result::{CameraResult, choose_response, is_significant};
-use penumbra_camera::vignetting::frame;
+use penumbra_camera::vignetting::default_frame;
 use penumbra_picture::Picture;
 use penumbra_rig_model::Grade;
 use penumbra_rig_model::radiometric_file::{
@@ -33,22 +35,22 @@ use penumbra_white_balance::GainEstimate;
 
 /// The radiometric step.
 pub struct Radiometric {
-    options: Options,
+    options: RadiometricOptions,
     data: [CameraData; 2],
     scene_gains: Option<(GainEstimate, String)>,
 }
 
-const fn index(eye: Eye) -> usize {
+const fn index(eye: CameraRole) -> usize {
     match eye {
-        Eye::Scene => 0,
-        Eye::Environment => 1,
+        CameraRole::Scene => 0,
+        CameraRole::Environment => 1,
     }
 }
 
 impl Radiometric {
     /// Creates the step without data.
     #[must_use]
-    pub fn new(options: Options) -> Self {
+    pub fn new(options: RadiometricOptions) -> Self {
         Self {
             data: [CameraData::default(), CameraData::default()],
             options,
@@ -57,7 +59,7 @@ impl Radiometric {
     }
 
     /// Adds pictures of a static scene with the natural logarithms of their exposures.
-    pub fn add_series(&mut self, eye: Eye, series: &[(&Picture, f64)]) {
+    pub fn add_series(&mut self, eye: CameraRole, series: &[(&Picture, f64)]) {
         let state = &mut self.data[index(eye)];
         state.series.add(series);
         state.size = series
@@ -66,7 +68,7 @@ impl Radiometric {
     }
 
     /// Adds a picture of a uniform, evenly lit surface that fills it.
-    pub fn add_flat(&mut self, eye: Eye, picture: &Picture) {
+    pub fn add_flat(&mut self, eye: CameraRole, picture: &Picture) {
         let i = index(eye);
         let centre = self.options.centres[i];
         self.data[i].add_flat(picture, &self.options.responses[i], centre);
@@ -78,7 +80,7 @@ impl Radiometric {
     }
 
     /// Sets vignetting found from a moving camera; pictures of a uniform surface take precedence.
-    pub fn add_fall_off(&mut self, eye: Eye, fit: vignetting::Fit) {
+    pub fn add_vignetting(&mut self, eye: CameraRole, fit: vignetting::VignettingFit) {
         self.data[index(eye)].moving = Some(fit);
     }
 
@@ -104,8 +106,8 @@ impl Step for Radiometric {
         STEP
     }
 
-    fn wants(&self) -> Wants {
-        Wants {
+    fn inputs(&self) -> StepInputs {
+        StepInputs {
             scene: true,
             environment: true,
             brackets: true,
@@ -114,9 +116,9 @@ impl Step for Radiometric {
         }
     }
 
-    fn look(&mut self, shown: &Shown) {
-        if let Shown::Picture(shown) = shown {
-            let i = index(shown.eye);
+    fn observe(&mut self, shown: &StepInput) {
+        if let StepInput::Picture(shown) = shown {
+            let i = index(shown.camera);
             self.data[i].add(shown, self.options.greys[i]);
         }
     }
@@ -125,7 +127,7 @@ impl Step for Radiometric {
         assessment::progress(&self.data)
     }
 
-    fn finish(&mut self, made: &Made) -> Finished {
+    fn finish(&mut self, made: &CalibrationProvenance) -> Finished {
         for eye in &mut self.data {
             eye.flush();
         }
@@ -137,7 +139,7 @@ impl Step for Radiometric {
             self.scene_gains.as_ref(),
         );
         let mut found = assessment::assess(&self.data, &cameras, &gains, &self.options);
-        found.page = report::report(made, &found, &self.data, &cameras, &gains, &self.options);
+        found.report = report::report(made, &found, &self.data, &cameras, &gains, &self.options);
         if found.grade != Grade::Refused {
             let record = self.record(made, &found, &cameras, &gains);
             found.file = serde_json::to_string_pretty(&record).ok();
@@ -149,7 +151,7 @@ impl Step for Radiometric {
 impl Radiometric {
     fn record(
         &self,
-        made: &Made,
+        made: &CalibrationProvenance,
         found: &Finished,
         cameras: &[CameraResult; 2],
         gains: &gains::Gains,
@@ -191,7 +193,7 @@ impl Radiometric {
         CameraRecord {
             response,
             vignetting: vignetting.map(|(f, _)| {
-                let (centre, radius) = frame(camera.size, self.options.centres[i]);
+                let (centre, radius) = default_frame(camera.size, self.options.centres[i]);
                 VignettingRecord {
                     width: camera.size.0,
                     height: camera.size.1,

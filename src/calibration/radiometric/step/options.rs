@@ -6,7 +6,7 @@ use penumbra_camera::Response;
 
 /// Prior knowledge and options.
 #[derive(Clone, Debug)]
-pub struct Options {
+pub struct RadiometricOptions {
     /// Tone curves of scene and environment camera, as far as known.
     pub responses: [Response; 2],
     /// Sizes of their pictures, where known.
@@ -23,7 +23,7 @@ pub struct Options {
     pub matrix: bool,
 }
 
-impl Default for Options {
+impl Default for RadiometricOptions {
     fn default() -> Self {
         Self {
             responses: [Response::srgb(), Response::srgb()],

@@ -3,15 +3,15 @@
 use super::camera_data::{CameraData, ChartPicture};
 use super::camera_result::{CAMERAS, CameraResult};
 use super::gains::{Gains, evaluate};
-use super::options::Options;
+use super::options::RadiometricOptions;
 use crate::base64::base64;
 use crate::radiometric::chart::patches::HALF;
 use crate::radiometric::curve::Curve;
 use crate::radiometric::noise::Noise;
 use crate::radiometric::reference::NAMES;
-use crate::radiometric::vignetting::Fit;
+use crate::radiometric::vignetting::VignettingFit;
 use crate::report::{Page, Plot};
-use crate::step::{Finished, Made};
+use crate::step::{CalibrationProvenance, Finished};
 use glam::{DMat3, DVec3};
 use penumbra_camera::Response;
 use penumbra_camera::vignetting::polynomial;
@@ -22,12 +22,12 @@ use std::fmt::Write;
 
 /// Writes the report as HTML.
 pub(super) fn report(
-    made: &Made,
+    made: &CalibrationProvenance,
     found: &Finished,
     data: &[CameraData; 2],
     cameras: &[CameraResult; 2],
     gains: &Gains,
-    options: &Options,
+    options: &RadiometricOptions,
 ) -> String {
     let facts = [
         format!("{}, from {}", made.date, made.source),
@@ -56,7 +56,12 @@ pub(super) fn report(
 }
 
 /// Adds a table of ΔE2000 between the chart's patches in one camera and the reference.
-fn own_colours(page: &mut Page, eye: &CameraData, camera: &CameraResult, options: &Options) {
+fn own_colours(
+    page: &mut Page,
+    eye: &CameraData,
+    camera: &CameraResult,
+    options: &RadiometricOptions,
+) {
     let Some((response, _)) = &camera.response else {
         return;
     };
@@ -186,8 +191,8 @@ fn plot_noise(page: &mut Page, name: &str, noise: &Noise) {
     page.plot(&plot, &format!("Noise of the {name} camera"));
 }
 
-fn plot_vignetting(page: &mut Page, name: &str, fit: &Fit) {
-    let rho = (0..=50).map(|i| f64::from(i) / 50.0 * fit.farthest.sqrt());
+fn plot_vignetting(page: &mut Page, name: &str, fit: &VignettingFit) {
+    let rho = (0..=50).map(|i| f64::from(i) / 50.0 * fit.max_rho_squared.sqrt());
     let at = |q: f64| polynomial(&fit.coefficients, q);
     let plot = Plot {
         x: "distance from the centre, half diagonals".to_owned(),

@@ -2,10 +2,10 @@
 
 use super::*;
 use crate::radiometric::synthetic::SyntheticChart;
-use crate::step::ShownPicture;
+use crate::step::PictureInput;
 use glam::{DVec2, DVec3};
 use penumbra_camera::Response;
-use penumbra_camera::vignetting::frame;
+use penumbra_camera::vignetting::default_frame;
 use penumbra_interface::MonotonicTime;
 use penumbra_rig_model::RigDocument;
 use penumbra_rig_model::radiometric_file::{RADIOMETRIC, apply_radiometric_file};
@@ -31,9 +31,9 @@ fn synthetic(corners: [(f64, f64); 4], gains: DVec3, seed: u64) -> SyntheticChar
     }
 }
 
-fn show(step: &mut Radiometric, eye: Eye, picture: &Picture, seconds: f64, ev: f64) {
-    step.look(&Shown::Picture(ShownPicture {
-        eye,
+fn show(step: &mut Radiometric, eye: CameraRole, picture: &Picture, seconds: f64, ev: f64) {
+    step.observe(&StepInput::Picture(PictureInput {
+        camera: eye,
         picture,
         captured_at: MonotonicTime::from_nanos((1e9 * seconds) as i64),
         bracket_ev: ev,
@@ -43,16 +43,16 @@ fn show(step: &mut Radiometric, eye: Eye, picture: &Picture, seconds: f64, ev: f
 }
 
 fn finished(scene: &SyntheticChart, environment: &SyntheticChart) -> Finished {
-    let mut step = Radiometric::new(Options::default());
-    show(&mut step, Eye::Scene, &scene.picture(), 0.0, 0.0);
+    let mut step = Radiometric::new(RadiometricOptions::default());
+    show(&mut step, CameraRole::Scene, &scene.picture(), 0.0, 0.0);
     show(
         &mut step,
-        Eye::Environment,
+        CameraRole::Environment,
         &environment.picture(),
         0.0,
         0.0,
     );
-    step.finish(&Made::default())
+    step.finish(&CalibrationProvenance::default())
 }
 
 fn applied(found: &Finished) -> RigDocument {
@@ -76,7 +76,7 @@ fn chart_yields_gains_within_a_percent_through_the_file() {
             "{error} {gains:?}"
         );
     }
-    assert!(found.page.contains("data:image/png") && found.page.contains("ΔE2000 before"));
+    assert!(found.report.contains("data:image/png") && found.report.contains("ΔE2000 before"));
 }
 
 #[test]
@@ -121,10 +121,16 @@ fn reads_the_larger_of_two_charts() {
         (400.0, 420.0),
     ];
     synthetic(apart, gains, 2).draw_over(&mut both);
-    let mut step = Radiometric::new(Options::default());
-    show(&mut step, Eye::Scene, &both, 0.0, 0.0);
-    show(&mut step, Eye::Environment, &scene.picture(), 0.0, 0.0);
-    let found = step.finish(&Made::default());
+    let mut step = Radiometric::new(RadiometricOptions::default());
+    show(&mut step, CameraRole::Scene, &both, 0.0, 0.0);
+    show(
+        &mut step,
+        CameraRole::Environment,
+        &scene.picture(),
+        0.0,
+        0.0,
+    );
+    let found = step.finish(&CalibrationProvenance::default());
     assert_eq!(found.grade, Grade::Usable);
     assert!(
         found.findings[0].1.contains("2 charts"),
@@ -137,16 +143,16 @@ fn reads_the_larger_of_two_charts() {
 
 #[test]
 fn detects_swapped_cameras() {
-    let mut step = Radiometric::new(Options {
+    let mut step = Radiometric::new(RadiometricOptions {
         sizes: [Some((640, 480)), Some((480, 480))],
-        ..Options::default()
+        ..RadiometricOptions::default()
     });
     let mut square = synthetic(SCENE, DVec3::splat(0.9), 1);
     square.size = (480, 480);
-    show(&mut step, Eye::Scene, &square.picture(), 0.0, 0.0);
+    show(&mut step, CameraRole::Scene, &square.picture(), 0.0, 0.0);
     let wide = synthetic(ENVIRONMENT, DVec3::splat(0.9), 1).picture();
-    show(&mut step, Eye::Environment, &wide, 0.0, 0.0);
-    let found = step.finish(&Made::default());
+    show(&mut step, CameraRole::Environment, &wide, 0.0, 0.0);
+    let found = step.finish(&CalibrationProvenance::default());
     assert_eq!(found.grade, Grade::Refused);
     assert!(
         found.findings[0].1.contains("swapped"),
@@ -158,17 +164,23 @@ fn detects_swapped_cameras() {
 #[test]
 fn brackets_correct_a_wrong_tone_curve() {
     let ground_truth = Response::gamma(2.2);
-    let mut step = Radiometric::new(Options {
+    let mut step = Radiometric::new(RadiometricOptions {
         responses: [Response::srgb(), Response::gamma(1.6)],
-        ..Options::default()
+        ..RadiometricOptions::default()
     });
     for ev in [0.0, -2.0, -4.0] {
         let gains = DVec3::splat(3.0 * f64::exp2(ev));
         let mut picture = synthetic(ENVIRONMENT, gains, 1);
         (picture.response, picture.noise) = (ground_truth.clone(), 0.0005);
-        show(&mut step, Eye::Environment, &picture.picture(), 0.0, ev);
+        show(
+            &mut step,
+            CameraRole::Environment,
+            &picture.picture(),
+            0.0,
+            ev,
+        );
     }
-    let found = step.finish(&Made::default());
+    let found = step.finish(&CalibrationProvenance::default());
     assert!(found.file.is_some(), "{found:?}");
     assert!(
         found
@@ -182,23 +194,30 @@ fn brackets_correct_a_wrong_tone_curve() {
 
 #[test]
 fn refuses_empty_input() {
-    let found = Radiometric::new(Options::default()).finish(&Made::default());
+    let found =
+        Radiometric::new(RadiometricOptions::default()).finish(&CalibrationProvenance::default());
     assert_eq!(found.grade, Grade::Refused);
     assert!(found.findings[0].1.contains("nothing to calibrate from"));
 }
 
 #[test]
 fn measures_noise_of_static_pictures_only() {
-    let mut step = Radiometric::new(Options::default());
+    let mut step = Radiometric::new(RadiometricOptions::default());
     for i in 0..4 {
         let mut still = synthetic(SCENE, DVec3::splat(0.9), 10 + i);
         still.noise = 0.003;
-        show(&mut step, Eye::Scene, &still.picture(), 0.2 * i as f64, 0.0);
+        show(
+            &mut step,
+            CameraRole::Scene,
+            &still.picture(),
+            0.2 * i as f64,
+            0.0,
+        );
         let moved = SCENE.map(|(x, y)| (x + 4.0 * i as f64, y + i as f64));
         let moving = synthetic(moved, DVec3::splat(0.9), 20 + i);
         show(
             &mut step,
-            Eye::Environment,
+            CameraRole::Environment,
             &moving.picture(),
             0.2 * i as f64,
             0.0,
@@ -219,7 +238,7 @@ fn white_wall_determines_vignetting() {
             height: 480,
             rgba: Vec::new(),
         };
-        let (centre, radius) = frame((640, 480), None);
+        let (centre, radius) = default_frame((640, 480), None);
         for i in 0..640 * 480 {
             let p = DVec2::new(f64::from(i % 640), f64::from(i / 640));
             let q = (p - centre).length_squared() / (radius * radius);
@@ -231,9 +250,9 @@ fn white_wall_determines_vignetting() {
         picture
     };
     for (k, there) in [(-0.4, true), (0.0, false)] {
-        let mut step = Radiometric::new(Options::default());
-        step.add_flat(Eye::Scene, &wall(k));
-        let found = step.finish(&Made::default());
+        let mut step = Radiometric::new(RadiometricOptions::default());
+        step.add_flat(CameraRole::Scene, &wall(k));
+        let found = step.finish(&CalibrationProvenance::default());
         let lens = applied(&found).calibration.scene_camera.vignetting;
         assert_eq!(lens.is_some(), there, "{found:?}");
         if let Some(lens) = lens {

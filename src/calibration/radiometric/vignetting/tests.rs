@@ -34,8 +34,8 @@ fn recovers_vignetting_within_its_error() {
             r.log -= 0.8;
         }
         let found = fit(&all).unwrap();
-        let edge = polynomial(&ground_truth, found.farthest);
-        let error = (found.edge() - edge).abs();
+        let edge = polynomial(&ground_truth, found.max_rho_squared);
+        let error = (found.edge_brightness() - edge).abs();
         assert!(error < 4.0 * found.edge_sigma, "{ground_truth:?} {found:?}");
         assert!(found.edge_sigma < 0.01 && error < 0.01, "{found:?}");
     }

@@ -9,7 +9,7 @@ fn source(id: u32, direction: Vec3, strength: f32) -> FaceSource {
         direction,
         angular_radius: 0.005,
         spread: vec![(direction, 1.0)],
-        taken: vec![(id % 40, Vec3::splat(strength / 3.0))],
+        irradiance_in_faces: vec![(id % 40, Vec3::splat(strength / 3.0))],
     }
 }
 
@@ -55,7 +55,7 @@ fn the_first_picture_is_whole_and_later_sources_fade_in_and_out() {
         let share = shares(&slots)[0];
         assert!(share < before && shares(&slots)[1] == 1.0);
         // What it had goes on being taken: the face gives what it still has.
-        assert_eq!(slots.shown().next().unwrap().2, sun.taken);
+        assert_eq!(slots.shown().next().unwrap().2, sun.irradiance_in_faces);
         before = share;
     }
     assert_eq!(before, 0.0);

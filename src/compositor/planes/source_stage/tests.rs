@@ -18,7 +18,7 @@ fn source(id: u32, taken: &[(u32, Vec3)]) -> FaceSource {
     FaceSource {
         id,
         direction: Vec3::new(0.3, 0.1 * id as f32, 0.9).normalize(),
-        taken: taken.to_vec(),
+        irradiance_in_faces: taken.to_vec(),
         ..FaceSource::default()
     }
 }

@@ -196,8 +196,11 @@ fn compact_sources_are_part_of_their_faces() {
         assert!((share - 1.0).abs().max_element() < 0.02, "{share}");
         let sums = sum_faces(light);
         let bright = |taken: &&(u32, Vec3)| taken.1.max_element() > 0.01 * compact.max_element();
-        assert_eq!(source.taken.iter().filter(bright).count(), most);
-        for (face, taken) in &source.taken {
+        assert_eq!(
+            source.irradiance_in_faces.iter().filter(bright).count(),
+            most
+        );
+        for (face, taken) in &source.irradiance_in_faces {
             let left = sums[*face as usize] - *taken;
             assert!(left.min_element() > 0.0, "{face}: {left}");
             assert!(near(*face as usize).fold(-1.0, f32::max) > 0.8);
@@ -230,5 +233,8 @@ fn source_keeps_its_number_across_an_edge() {
         let share = source.irradiance() / first.irradiance();
         assert!((share - 1.0).abs().max_element() < 0.03, "{share}");
     }
-    assert_ne!(at(1.0).taken[0].0, first.taken[0].0);
+    assert_ne!(
+        at(1.0).irradiance_in_faces[0].0,
+        first.irradiance_in_faces[0].0
+    );
 }

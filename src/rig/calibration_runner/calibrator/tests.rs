@@ -2,7 +2,9 @@
 
 use super::*;
 use glam::DVec2;
-use penumbra_calibration::step::{Eye, Finished, Made, Progress, Shown, Wants};
+use penumbra_calibration::step::{
+    CalibrationProvenance, CameraRole, Finished, Progress, StepInput, StepInputs,
+};
 use penumbra_capture::source::open_camera;
 use penumbra_config::CameraSource;
 use penumbra_interface::{Frame, MonotonicTime, PixelFormat};
@@ -36,8 +38,8 @@ impl Step for CountingStep {
         "counted"
     }
 
-    fn wants(&self) -> Wants {
-        Wants {
+    fn inputs(&self) -> StepInputs {
+        StepInputs {
             scene: true,
             environment: false,
             brackets: false,
@@ -46,11 +48,11 @@ impl Step for CountingStep {
         }
     }
 
-    fn look(&mut self, shown: &Shown) {
-        let Shown::Picture(shown) = shown else {
+    fn observe(&mut self, shown: &StepInput) {
+        let StepInput::Picture(shown) = shown else {
             panic!("got a pose, which the step does not need");
         };
-        assert_eq!((shown.eye, shown.picture.width), (Eye::Scene, 16));
+        assert_eq!((shown.camera, shown.picture.width), (CameraRole::Scene, 16));
         self.pictures += 1;
         assert!(
             self.behaviour != Behaviour::Panicking || self.pictures < 2,
@@ -67,12 +69,12 @@ impl Step for CountingStep {
             share: f64::from(self.pictures) / needed,
             message: format!("{} pictures", self.pictures),
             hint: "wait".to_owned(),
-            marks: vec![DVec2::new(3.0, 4.0), DVec2::NAN],
-            eye: Some(Eye::Scene),
+            overlay_points: vec![DVec2::new(3.0, 4.0), DVec2::NAN],
+            camera: Some(CameraRole::Scene),
         }
     }
 
-    fn finish(&mut self, made: &Made) -> Finished {
+    fn finish(&mut self, made: &CalibrationProvenance) -> Finished {
         if self.behaviour == Behaviour::Slow {
             std::thread::sleep(Duration::from_millis(400));
         }
@@ -83,7 +85,7 @@ impl Step for CountingStep {
             lines: vec![format!("{} of {device}", self.pictures)],
             findings: vec![(Grade::Usable, "few".to_owned())],
             hints: vec!["more".to_owned()],
-            page: "<!doctype html>".to_owned(),
+            report: "<!doctype html>".to_owned(),
             file: Some("{}\n".to_owned()),
         }
     }

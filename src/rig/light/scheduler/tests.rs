@@ -53,7 +53,7 @@ fn shown(force: &ActiveLight) -> Option<i64> {
 }
 
 fn composed(seen: bool, lit_by: i64) -> JournalEntry {
-    JournalEntry::Composed(Some(LightNote {
+    JournalEntry::Composed(Some(LightRecord {
         seen,
         lit_by: Some(at(lit_by)),
     }))
@@ -167,7 +167,7 @@ fn frames_wait_for_their_own_light_until_one_is_found() {
     let mut lights = LightScheduler::beside(lighter).unwrap();
     for number in 0..3 {
         let note = lights.see(&seen(number), &picture(), JournalEntry::None);
-        let own = LightNote {
+        let own = LightRecord {
             seen: true,
             lit_by: Some(at(number)),
         };
@@ -190,7 +190,7 @@ fn active_light_lets_frames_pass_with_one_estimate_at_a_time() {
     let mut force = ActiveLight::default();
     force.enter(light_of(0));
     let mut see = |number| beside.see(&mut force, &seen(number), &picture());
-    let note = |seen, lit_by| LightNote {
+    let note = |seen, lit_by| LightRecord {
         seen,
         lit_by: Some(at(lit_by)),
     };

@@ -60,7 +60,7 @@ fn off(tags: &[Tag], row_seconds: f64, tracked: bool) -> [f64; 3] {
     for k in 0..PICTURES {
         let at = f64::from(k) * STEP;
         let of_row = |row: f64| pose(at + (row - middle) * ROW);
-        let codes = synthetic::rolling_picture(&camera, of_row, tags, 1.0);
+        let codes = synthetic::render_rolling(&camera, of_row, tags, 1.0);
         let picture = Picture {
             width: camera.width,
             height: camera.height,

@@ -1,9 +1,9 @@
 //! Tracks the offset while the rig runs: estimates it again from the last seconds, and filters.
 
-use super::image_based::{Means, from_image_motion};
+use super::image_based::{OffsetMethod, from_image_motion};
 use super::image_motion::ImageMotion;
 use super::model::{CameraMotion, CameraRotation, ClockOffset, LatencyError};
-use super::mounted::Mounted;
+use super::mounted::MountedCamera;
 use super::rotations::from_rotations;
 use super::track::TrackerTrack;
 use crate::intrinsics::Grey;
@@ -38,31 +38,31 @@ const MAX_ITEMS: usize = 20_000;
 
 /// The filtered offset.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Measured {
+pub struct FilteredOffset {
     /// As [`ClockOffset::seconds`].
     pub seconds: f64,
     /// 1σ, seconds; it grows while there are no new estimates.
     pub sigma: f64,
     /// Method of the last estimate.
-    pub by: Means,
+    pub method: OffsetMethod,
     /// Time of the last estimate.
-    pub at: MonotonicTime,
+    pub estimated_at: MonotonicTime,
 }
 
 /// State of the filter.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Followed {
+pub struct OffsetState {
     /// The offset; `None` before the first estimate.
-    pub measured: Option<Measured>,
+    pub offset: Option<FilteredOffset>,
     /// Why the last seconds yielded no estimate, if they did not.
     pub refusal: Option<LatencyError>,
 }
 
 /// Tracks the offset. Pass readings, poses and pictures in the order of arrival, and call
-/// [`Self::estimate`] whenever [`Self::due`].
+/// [`Self::estimate`] whenever [`Self::is_due`].
 #[derive(Clone, Debug, Default)]
-pub struct Follower {
-    mounted: Option<Mounted>,
+pub struct OffsetMonitor {
+    mounted: Option<MountedCamera>,
     zero: Option<MonotonicTime>,
     readings: VecDeque<(f64, RigidTransform)>,
     rotations: VecDeque<CameraRotation>,
@@ -74,14 +74,14 @@ pub struct Follower {
     now: f64,
     last_estimate: f64,
     filter: OffsetFilter,
-    by: Option<(Means, MonotonicTime)>,
+    by: Option<(OffsetMethod, MonotonicTime)>,
     refusal: Option<LatencyError>,
 }
 
-impl Follower {
+impl OffsetMonitor {
     /// Creates a tracker of the offset for a camera whose mounting may be known.
     #[must_use]
-    pub fn new(mounted: Option<Mounted>) -> Self {
+    pub fn new(mounted: Option<MountedCamera>) -> Self {
         Self {
             mounted,
             ..Self::default()
@@ -94,7 +94,11 @@ impl Follower {
     }
 
     /// Adds a reading of the tracker.
-    pub fn reading(&mut self, arrived_at: MonotonicTime, transmitter_from_sensor: RigidTransform) {
+    pub fn add_reading(
+        &mut self,
+        arrived_at: MonotonicTime,
+        transmitter_from_sensor: RigidTransform,
+    ) {
         let at = self.seconds(arrived_at);
         let RigidTransform {
             rotation,
@@ -106,7 +110,7 @@ impl Follower {
     }
 
     /// Adds the camera's orientation in a picture.
-    pub fn pose(&mut self, captured_at: MonotonicTime, world_from_camera: DQuat) {
+    pub fn add_pose(&mut self, captured_at: MonotonicTime, world_from_camera: DQuat) {
         let to = self.advance(captured_at);
         let before = self.last_pose.replace((to, world_from_camera));
         let Some((from, rotation)) = before.filter(|(from, _)| are_successive(*from, to)) else {
@@ -120,7 +124,7 @@ impl Follower {
     }
 
     /// Adds a picture without a pose; a reduced copy suffices.
-    pub fn picture(&mut self, captured_at: MonotonicTime, picture: &Grey) {
+    pub fn add_picture(&mut self, captured_at: MonotonicTime, picture: &Grey) {
         let to = self.advance(captured_at);
         let flow = self.flow.next(picture);
         let before = self.last_picture.replace(to);
@@ -133,12 +137,12 @@ impl Follower {
 
     /// Returns whether enough new pictures have arrived for another estimate.
     #[must_use]
-    pub fn due(&self) -> bool {
+    pub fn is_due(&self) -> bool {
         self.now - self.last_estimate >= INTERVAL
     }
 
     /// Estimates the offset from the last seconds and filters it.
-    pub fn estimate(&mut self) -> Followed {
+    pub fn estimate(&mut self) -> OffsetState {
         let new = self.now - std::mem::replace(&mut self.last_estimate, self.now);
         if new > 0.0 {
             self.trim();
@@ -155,32 +159,33 @@ impl Follower {
                 Err(refusal) => self.refusal = Some(refusal),
             }
         }
-        self.known()
+        self.state()
     }
 
     /// Returns the result of the last [`Self::estimate`].
     #[must_use]
-    pub fn known(&self) -> Followed {
+    pub fn state(&self) -> OffsetState {
         let offset = self.filter.offset.zip(self.by);
-        Followed {
-            measured: offset.map(|((seconds, variance), (by, at))| Measured {
+        OffsetState {
+            offset: offset.map(|((seconds, variance), (by, at))| FilteredOffset {
                 seconds,
                 sigma: variance.sqrt().hypot(by.systematic()),
-                by,
-                at,
+                method: by,
+                estimated_at: at,
             }),
             refusal: self.refusal,
         }
     }
 
-    fn estimate_window(&self) -> Result<(ClockOffset, Means), LatencyError> {
+    fn estimate_window(&self) -> Result<(ClockOffset, OffsetMethod), LatencyError> {
         if self.is_at_rest() {
             return Err(LatencyError::AtRest);
         }
         let track = TrackerTrack::from_poses(self.readings.iter().copied(), SMOOTHING);
         let rotations: Vec<CameraRotation> = self.rotations.iter().copied().collect();
         let motions: Vec<CameraMotion> = self.motions.iter().copied().collect();
-        let by_poses = from_rotations(&track, &rotations, RANGE).map(|found| (found, Means::Poses));
+        let by_poses =
+            from_rotations(&track, &rotations, RANGE).map(|found| (found, OffsetMethod::Poses));
         by_poses.or_else(|pose_error| {
             let flow = from_image_motion(&track, &motions, self.mounted.as_ref(), RANGE);
             // The error of the poses is more useful, where there are enough of them.

@@ -24,7 +24,7 @@ fn still(rotation: DQuat) -> RigidTransform {
 
 /// A rig with a clock offset and a motion of its own.
 struct Rig<O: Fn(f64) -> f64, H: Fn(f64) -> DQuat> {
-    follower: Follower,
+    follower: OffsetMonitor,
     offset: O,
     hand: H,
     random: Random,
@@ -33,7 +33,7 @@ struct Rig<O: Fn(f64) -> f64, H: Fn(f64) -> DQuat> {
 impl<O: Fn(f64) -> f64, H: Fn(f64) -> DQuat> Rig<O, H> {
     fn new(offset: O, hand: H) -> Self {
         Self {
-            follower: Follower::default(),
+            follower: OffsetMonitor::default(),
             offset,
             hand,
             random: Random::new(7),
@@ -41,7 +41,7 @@ impl<O: Fn(f64) -> f64, H: Fn(f64) -> DQuat> Rig<O, H> {
     }
 
     /// Runs the rig and returns the state after each estimate, with its time.
-    fn run(&mut self, from: f64, to: f64) -> Vec<(f64, Followed)> {
+    fn run(&mut self, from: f64, to: f64) -> Vec<(f64, OffsetState)> {
         let mount = DQuat::from_euler(glam::EulerRot::XYZ, 1.2, -0.4, 2.0);
         let mut known = Vec::new();
         for i in (from * 60.0) as i32..(to * 60.0) as i32 {
@@ -49,14 +49,14 @@ impl<O: Fn(f64) -> f64, H: Fn(f64) -> DQuat> Rig<O, H> {
             let noise = DQuat::from_scaled_axis(self.random.normal3() * 0.002);
             let reading = noise * (self.hand)(t);
             self.follower
-                .reading(stamp(t + (self.offset)(t)), still(reading));
+                .add_reading(stamp(t + (self.offset)(t)), still(reading));
             if i % 4 != 0 {
                 continue;
             }
             let noise = DQuat::from_scaled_axis(self.random.normal3() * 0.002);
             let pose = (self.hand)(t + 0.003) * mount * noise;
-            self.follower.pose(stamp(t + 0.003), pose);
-            if self.follower.due() {
+            self.follower.add_pose(stamp(t + 0.003), pose);
+            if self.follower.is_due() {
                 known.push((t, self.follower.estimate()));
             }
         }
@@ -71,13 +71,16 @@ fn tracks_drift_of_a_millisecond_per_minute() {
     let known = rig.run(0.0, 180.0);
     assert!(known.len() > 30, "{}", known.len());
     for (t, followed) in &known[3..] {
-        let found = followed.measured.unwrap();
+        let found = followed.offset.unwrap();
         let error = found.seconds - offset(*t);
         assert!(
             error.abs() < 1e-3 && error.abs() < 3.0 * found.sigma,
             "{t}: {error} {found:?}"
         );
-        assert!(found.sigma < 2e-3 && found.by == Means::Poses, "{found:?}");
+        assert!(
+            found.sigma < 2e-3 && found.method == OffsetMethod::Poses,
+            "{found:?}"
+        );
     }
 }
 
@@ -89,13 +92,13 @@ fn uncertainty_grows_at_rest() {
     let known = rig.run(30.0, 330.0);
     let (first, last) = (known[5].1, known[known.len() - 1].1);
     assert_eq!(last.refusal, Some(LatencyError::AtRest));
-    let [first, last] = [first, last].map(|f| f.measured.unwrap());
+    let [first, last] = [first, last].map(|f| f.offset.unwrap());
     assert!((last.seconds - 0.02).abs() < 1e-3, "{last:?}");
     assert!(
         last.sigma > 1.5 * first.sigma && last.sigma > 1.8e-3,
         "{last:?}"
     );
-    assert_eq!(last.at, first.at);
+    assert_eq!(last.estimated_at, first.estimated_at);
 }
 
 #[test]
@@ -107,7 +110,7 @@ fn refuses_periodic_motion() {
     let mut rig = Rig::new(|_| 0.02, again);
     let known = rig.run(0.0, 25.0);
     for (_, followed) in &known {
-        assert_eq!(followed.measured, None);
+        assert_eq!(followed.offset, None);
     }
     let (_, last) = known[known.len() - 1];
     assert!(
@@ -161,10 +164,10 @@ fn overlapping_windows_are_weighted_by_their_new_share() {
 
 #[test]
 fn ignores_decreasing_time_stamps_and_invalid_readings() {
-    let mut follower = Follower::default();
-    follower.reading(stamp(1.0), still(DQuat::IDENTITY));
-    follower.reading(stamp(0.5), still(DQuat::IDENTITY));
-    follower.reading(stamp(2.0), still(DQuat::from_xyzw(f64::NAN, 0.0, 0.0, 1.0)));
+    let mut follower = OffsetMonitor::default();
+    follower.add_reading(stamp(1.0), still(DQuat::IDENTITY));
+    follower.add_reading(stamp(0.5), still(DQuat::IDENTITY));
+    follower.add_reading(stamp(2.0), still(DQuat::from_xyzw(f64::NAN, 0.0, 0.0, 1.0)));
     assert_eq!(follower.readings.len(), 1);
-    assert_eq!(follower.estimate(), Followed::default());
+    assert_eq!(follower.estimate(), OffsetState::default());
 }

@@ -15,7 +15,7 @@ const MAX_LINES: usize = 10_000;
 
 /// The point or direction that was clicked.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Clicked {
+pub enum ClickTarget {
     /// Position, world, metres.
     Point(DVec3),
     /// Direction, world, unit vector.
@@ -26,16 +26,16 @@ pub enum Clicked {
 
 /// A click and its target.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Pair {
+pub struct Click {
     /// Pixel of the environment camera.
     pub pixel: DVec2,
     /// The target.
-    pub clicked: Clicked,
+    pub target: ClickTarget,
 }
 
 /// Why a file of clicks could not be read.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum PairError {
+pub enum ClickError {
     /// A line is malformed.
     #[error(
         "line {line}: `{text}`: expected `x, y, point, X, Y, Z` (metres), `x, y, towards, X, Y, Z` or `x, y, scene, U, V, SECONDS`"
@@ -58,7 +58,7 @@ pub enum PairError {
 ///
 /// # Errors
 /// A line is malformed, or there are no clicks or more than 10 000.
-pub fn pairs(text: &str) -> Result<Vec<Pair>, PairError> {
+pub fn parse_clicks(text: &str) -> Result<Vec<Click>, ClickError> {
     let mut out = Vec::new();
     for (i, line) in text.lines().enumerate() {
         let content = line.split('#').next().unwrap_or_default().trim();
@@ -66,32 +66,32 @@ pub fn pairs(text: &str) -> Result<Vec<Pair>, PairError> {
         if content.is_empty() || is_header {
             continue;
         }
-        let pair = pair(content).ok_or_else(|| PairError::Line {
+        let pair = pair(content).ok_or_else(|| ClickError::Line {
             line: i + 1,
             text: content.chars().take(40).collect(),
         })?;
         out.push(pair);
     }
     if out.is_empty() || out.len() > MAX_LINES {
-        return Err(PairError::Count { lines: out.len() });
+        return Err(ClickError::Count { lines: out.len() });
     }
     Ok(out)
 }
 
-fn pair(line: &str) -> Option<Pair> {
+fn pair(line: &str) -> Option<Click> {
     let fields: Vec<&str> = line.split(',').map(str::trim).collect();
     let number = |i: usize| fields.get(i)?.parse().ok().filter(|v: &f64| v.is_finite());
     let vector = |i: usize| Some(DVec3::new(number(i)?, number(i + 1)?, number(i + 2)?));
     let clicked = match (fields.len(), fields.get(2).copied()?) {
-        (6, "point") => Clicked::Point(vector(3)?),
-        (6, "towards") => Clicked::Towards(vector(3)?.try_normalize()?),
-        (6, "scene") => Clicked::Scene(DVec2::new(number(3)?, number(4)?), number(5)?),
-        (5, _) => Clicked::Point(vector(2)?),
+        (6, "point") => ClickTarget::Point(vector(3)?),
+        (6, "towards") => ClickTarget::Towards(vector(3)?.try_normalize()?),
+        (6, "scene") => ClickTarget::Scene(DVec2::new(number(3)?, number(4)?), number(5)?),
+        (5, _) => ClickTarget::Point(vector(2)?),
         _ => return None,
     };
-    Some(Pair {
+    Some(Click {
         pixel: DVec2::new(number(0)?, number(1)?),
-        clicked,
+        target: clicked,
     })
 }
 
@@ -103,19 +103,19 @@ mod tests {
     #[test]
     fn reads_every_form_and_names_malformed_lines() {
         let text = "x,y,kind,a,b,c\n10, 20, point, 1, 2, 3 # corner\n\n1,2,3,4,5\n7,8,towards,0,0,2\n7,8,scene,100,200,1.5\n";
-        let read = pairs(text).unwrap();
-        let kinds: Vec<Clicked> = read.iter().map(|p| p.clicked).collect();
+        let read = parse_clicks(text).unwrap();
+        let kinds: Vec<ClickTarget> = read.iter().map(|p| p.target).collect();
         assert_eq!(
             kinds,
             [
-                Clicked::Point(DVec3::new(1.0, 2.0, 3.0)),
-                Clicked::Point(DVec3::new(3.0, 4.0, 5.0)),
-                Clicked::Towards(DVec3::Z),
-                Clicked::Scene(DVec2::new(100.0, 200.0), 1.5),
+                ClickTarget::Point(DVec3::new(1.0, 2.0, 3.0)),
+                ClickTarget::Point(DVec3::new(3.0, 4.0, 5.0)),
+                ClickTarget::Towards(DVec3::Z),
+                ClickTarget::Scene(DVec2::new(100.0, 200.0), 1.5),
             ]
         );
         for wrong in ["1,2,point,3,4", "1,2,nan,4,5", "1,2,towards,0,0,0", "1,2"] {
-            let error = pairs(&format!("1,2,3,4,5\n{wrong}\n"))
+            let error = parse_clicks(&format!("1,2,3,4,5\n{wrong}\n"))
                 .unwrap_err()
                 .to_string();
             assert!(
@@ -123,6 +123,6 @@ mod tests {
                 "{error}"
             );
         }
-        assert!(pairs("# nothing\n").is_err());
+        assert!(parse_clicks("# nothing\n").is_err());
     }
 }
