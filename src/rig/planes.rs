@@ -172,7 +172,7 @@ impl PlaneBakes {
                 .get(index)
                 .map_or("", |p| p.name.as_str());
             let reason = format!(
-                "`{name}` moves (`keys` or `animation`), and planes are baked for what stands still"
+                "`{name}` moves (`keys` or `animation`), and planes are baked for static objects"
             );
             tracing::warn!("shadowing planes: {reason}; the light dome casts the shadows");
             self.failed = Some((scene.clone(), reason));
