@@ -41,12 +41,12 @@ impl BakePlan {
         Some(cache_path(&folder, &self.key))
     }
 
-    /// Generates planes around the objects in `scene` (none without virtual objects) and renders all
-    /// basis images.
+    /// Generates planes around the objects in `scene` (none without virtual objects) and renders
+    /// all basis images.
     ///
     /// # Errors
-    /// No planes can be generated from the model, the graphics device was lost or is out of memory, or
-    /// `progress` ended the bake.
+    /// No planes can be generated from the model, the graphics device was lost or is out of memory,
+    /// or `progress` ended the bake.
     pub fn bake(
         self,
         gpu: &Gpu,

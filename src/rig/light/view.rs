@@ -11,7 +11,8 @@ pub enum SphereAt {
     Calibrated,
     /// As observed in this picture.
     Seen(SpherePosition),
-    /// Unknown: the sphere is movable and its marker is not visible, so this picture gives no light.
+    /// Unknown: the sphere is movable and its marker is not visible, so this picture gives no
+    /// light.
     Lost,
 }
 
