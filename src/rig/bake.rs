@@ -1,5 +1,5 @@
-//! From a scene to its bake: planes, what the bake is known by, images. The same for
-//! `penumbra bake` and for a rig that needs one.
+//! Bakes the shadowing planes of a scene: planes, cache key, images. Used by `penumbra bake` and by
+//! a rig that needs a bake.
 
 use crate::error::RigError;
 use crate::setup::RigSetup;
@@ -17,16 +17,16 @@ use penumbra_scene::{Scene, SceneAddition, load_gltf};
 use penumbra_session::Session;
 use std::path::{Path, PathBuf};
 
-/// What is to be baked, before anything is drawn.
+/// The settings and the cache key of a bake.
 #[derive(Clone, Debug)]
 pub struct BakePlan {
     planes: PlaneSettings,
-    /// What the bake is known by.
+    /// Cache key of the bake.
     pub key: [u8; 32],
 }
 
 impl BakePlan {
-    /// The plan for `scene`.
+    /// Creates the plan for `scene`.
     #[must_use]
     pub fn new(scene: &Scene, config: &PlanesConfig) -> Self {
         let planes = plane_settings(config);
@@ -34,18 +34,19 @@ impl BakePlan {
         Self { planes, key }
     }
 
-    /// Where such a bake is kept; `None` for a user without a home.
+    /// Returns the path of the bake in the cache; `None` for a user without a home folder.
     #[must_use]
     pub fn cache_file(&self, config: &PlanesConfig) -> Option<PathBuf> {
         let folder = config.cache.clone().or_else(default_cache_folder)?;
         Some(cache_path(&folder, &self.key))
     }
 
-    /// Puts planes around what is in `scene`, none where nothing is virtual, and draws all basis
-    /// images.
+    /// Generates planes around the objects in `scene` (none without virtual objects) and renders
+    /// all basis images.
     ///
     /// # Errors
-    /// A model that no planes can be made from; the graphics device was lost, or has no room; `progress` ended it.
+    /// No planes can be generated from the model, the graphics device was lost or is out of memory,
+    /// or `progress` ended the bake.
     pub fn bake(
         self,
         gpu: &Gpu,
@@ -73,8 +74,8 @@ fn plane_settings(config: &PlanesConfig) -> PlaneSettings {
     }
 }
 
-/// The bake of `scene`, where `old` is that of `old_scene`: only what has changed is drawn. Such
-/// a bake has planes of its own and is not kept; its key is zero.
+/// Bakes `scene` from `old`, the bake of `old_scene`, and renders only changed images. Such a bake
+/// has planes of its own and is not cached; its key is zero.
 ///
 /// # Errors
 /// As for [`BakePlan::new`] and [`BakePlan::bake`].
@@ -91,11 +92,12 @@ pub fn bake_changes(
     Ok(mend(gpu, scene, old, &renewal, progress)?)
 }
 
-/// The scene that a file describes: a scene file or a glTF model, with phantoms and ground of
-/// `session` where one is given; or a session with all that it brings.
+/// Returns the scene of a file: a scene file or a glTF model, with phantoms and ground of `session`
+/// if one is given; or the scene of a session.
 ///
 /// # Errors
-/// A file of another kind; what cannot be read; a scene with nothing virtual in it.
+/// The file is of another kind or cannot be read, or the scene has no virtual objects or moving
+/// ones.
 pub fn scene_to_bake(
     path: &Path,
     session: Option<&Path>,
@@ -103,15 +105,15 @@ pub fn scene_to_bake(
 ) -> Result<Scene, RigError> {
     let extension = path.extension().unwrap_or_default().to_ascii_lowercase();
     let scene = match (extension.to_str(), session) {
-        (Some("mcap"), None) => of_session(path, SceneChoice::Session, config)?,
+        (Some("mcap"), None) => scene_of_session(path, SceneChoice::Session, config)?,
         (Some("toml"), None) => SceneAddition::load(path)?.onto(Scene::default()),
         (Some("toml"), Some(session)) => {
-            of_session(session, SceneChoice::File(path.to_owned()), config)?
+            scene_of_session(session, SceneChoice::File(path.to_owned()), config)?
         }
         (Some("glb" | "gltf"), session) => Scene {
             virtual_parts: load_gltf(path)?.placed(DMat4::IDENTITY),
             ..match session {
-                Some(session) => of_session(session, SceneChoice::None, config)?,
+                Some(session) => scene_of_session(session, SceneChoice::None, config)?,
                 None => Scene::default(),
             }
         },
@@ -140,7 +142,11 @@ pub fn scene_to_bake(
     Ok(scene)
 }
 
-fn of_session(session: &Path, scene: SceneChoice, config: &Config) -> Result<Scene, RigError> {
+fn scene_of_session(
+    session: &Path,
+    scene: SceneChoice,
+    config: &Config,
+) -> Result<Scene, RigError> {
     let source = Source::Recorded(Session::open(session)?);
     let config = Config {
         scene,

@@ -1,4 +1,4 @@
-//! A bake in the making, on a thread of its own.
+//! Obtains a bake on its own thread: from the cache, from an earlier bake, or by baking.
 
 use crate::bake::{BakePlan, bake_changes};
 use crate::error::RigError;
@@ -19,7 +19,7 @@ use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-/// A bake and the scene that it is of.
+/// A bake and its scene.
 #[derive(Clone)]
 pub(super) struct Baked {
     /// The scene as it was baked.
@@ -28,7 +28,7 @@ pub(super) struct Baked {
     pub bake: Arc<Bake>,
 }
 
-/// A bake, how it was come by, and what shows it.
+/// A finished bake, its provenance and the stage that renders it.
 pub(super) struct Obtained {
     pub baked: Baked,
     pub stage: Box<PlanesStage>,
@@ -36,11 +36,11 @@ pub(super) struct Obtained {
     pub took: Duration,
 }
 
-/// See the module. Dropping it ends the thread.
+/// A bake in progress. Dropping it ends the thread.
 pub(super) struct Baking {
-    /// Of which scene.
+    /// The scene to bake.
     pub scene: Arc<Scene>,
-    /// What became of it.
+    /// Receives the result.
     pub result: Receiver<Result<Obtained, RigError>>,
     done: Arc<AtomicU32>,
     total: Arc<AtomicU32>,
@@ -49,8 +49,11 @@ pub(super) struct Baking {
 }
 
 impl Baking {
-    /// Starts on the bake of `scene`. With a bake from `before` only what has changed since is
-    /// drawn; else it is read from the cache, or made whole and put there.
+    /// Starts the bake of `scene`. With an earlier bake `before`, only changed parts are baked;
+    /// otherwise the bake is read from the cache, or baked completely and stored there.
+    ///
+    /// # Errors
+    /// The system cannot start a thread.
     pub fn start(
         gpu: &Gpu,
         scene: &Arc<Scene>,
@@ -73,7 +76,7 @@ impl Baking {
                     ControlFlow::Continue(())
                 }
             };
-            // Nobody waits any more where the rig has ended.
+            // The receiver is gone if the rig has ended.
             let _ = send.send(obtain(&gpu, &target, &config, before, &mut progress));
         };
         let thread = threads::spawn_background("bake", job);
@@ -88,7 +91,7 @@ impl Baking {
         })
     }
 
-    /// How far it is.
+    /// Progress of the bake.
     pub fn state(&self) -> PlanesState {
         PlanesState::Baking {
             done: self.done.load(Ordering::Relaxed),
@@ -98,7 +101,7 @@ impl Baking {
 }
 
 impl Baking {
-    /// Tells the thread to end.
+    /// Requests the thread to end.
     pub fn end(&self) {
         self.stop.store(true, Ordering::Relaxed);
     }
@@ -137,7 +140,7 @@ fn obtain(
         return Err(GpuError::Stopped.into());
     }
     let sources = config.sources.then(|| SourceBaker::new(gpu, scene, &bake));
-    // Shadows of faces are better than none.
+    // Without images of the sources, the faces of the dome still cast shadows.
     let sources = sources.and_then(|made| made.inspect_err(|error| tracing::warn!("{error}")).ok());
     Ok(Obtained {
         stage: Box::new(PlanesStage::new(gpu, &bake, sources)?),
@@ -150,7 +153,7 @@ fn obtain(
     })
 }
 
-/// From the cache, or made now and put there; and which of both.
+/// Returns the bake, and whether it was read from the cache. A new bake is stored there.
 fn whole(
     gpu: &Gpu,
     scene: &Scene,
@@ -161,7 +164,7 @@ fn whole(
     let file = plan.cache_file(config);
     let known = file.as_ref().and_then(|file| {
         let read = store::load(file, &plan.key);
-        // A cache that cannot be read is as good as none.
+        // An unreadable cache file counts as missing.
         read.inspect_err(|error| tracing::warn!("{error}"))
             .ok()
             .flatten()
@@ -178,7 +181,7 @@ fn whole(
     Ok((bake, false))
 }
 
-/// Puts a bake into the cache; those that were used longest ago make room for it.
+/// Stores a bake in the cache and removes the least recently used ones beyond its limit.
 fn keep(file: &Path, bake: &Bake) -> Result<(), StoreError> {
     store::save(file, bake)?;
     if let Some(folder) = file.parent() {

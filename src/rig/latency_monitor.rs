@@ -1,9 +1,9 @@
-//! Measures the tracker's latency while the rig runs, on a thread of its own.
+//! Measures the tracker's latency while the rig runs, on its own thread.
 //!
-//! A live rig's frames never wait for it: what it cannot take is dropped. Nobody waits for the
-//! frames of a recording, so that it is received everything there; and where what it finds comes
-//! into force, the recording's frames wait for it, so that the same recording gives the same
-//! pictures.
+//! Frames of a live rig never wait for it: messages that it cannot accept are dropped. Frames of a
+//! recording may wait, so the measurement receives all of them. If the measured latency is applied,
+//! frames of a recording also wait for the estimate (it runs on their thread), so that the same
+//! recording gives the same pictures.
 
 mod shrink;
 
@@ -23,36 +23,36 @@ use shrink::shrink;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 
-/// What may wait for the thread: the readings of some seconds.
-const WAITING: usize = 2048;
-/// Small pictures on their way.
+/// Capacity of the message queue: the readings of some seconds.
+const QUEUE_CAPACITY: usize = 2048;
+/// Number of small pictures in circulation.
 const PICTURES: usize = 4;
-/// Pictures without markers are looked at no more often, seconds.
-const SPACING: f64 = 0.06;
-/// What is known this well comes into force, 1σ in seconds.
-const SURE: f64 = 2e-3;
+/// Minimum time between analysed pictures without markers, seconds.
+const MIN_INTERVAL_SECONDS: f64 = 0.06;
+/// Maximum standard deviation of a latency that is applied, seconds.
+const MAX_SIGMA_SECONDS: f64 = 2e-3;
 
-/// The tracker's latency: what is in force, and what was measured.
+/// The tracker's latency, active and measured.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct LatencyState {
-    /// In force.
+    /// Active latency, nanoseconds.
     pub in_force_nanos: i64,
-    /// Measured; `None` where nobody does.
+    /// Measured latency; `None` if it is not measured.
     pub followed: Option<OffsetState>,
 }
 
-/// What the thread is received.
+/// A message to the measurement.
 enum Message {
     Reading(MonotonicTime, RigidTransform),
     Pose(MonotonicTime, DQuat),
     Picture(MonotonicTime, Grey),
-    /// Another loop begins.
+    /// Another loop of the recording starts.
     Restart,
-    /// All has been received; an answer is waited for.
+    /// All data have been sent; the sender waits for an answer.
     Finish,
 }
 
-/// The way to whoever measures. Dropping it ends the thread.
+/// Sends data to the measurement. Dropping it ends the thread.
 pub(super) struct LatencyMonitor {
     station: Option<u8>,
     apply: bool,
@@ -72,16 +72,16 @@ struct MonitorThread {
     spares: Receiver<Grey>,
     finished: Receiver<()>,
     known: Arc<Mutex<OffsetState>>,
-    /// Everything is received, though the frames wait.
+    /// No message is dropped; frames wait instead.
     lossless: bool,
     thread: Option<JoinHandle<()>>,
 }
 
 impl LatencyMonitor {
-    /// Of a rig with a tracker; `None` where nobody wants to know.
+    /// Starts the measurement; `None` without a tracker or with `follow_latency` off.
     ///
     /// # Errors
-    /// No thread to be had.
+    /// The system cannot start a thread.
     pub fn start(
         setup: &RigSetup,
         config: &Config,
@@ -108,7 +108,7 @@ impl LatencyMonitor {
         }))
     }
 
-    /// A reading of the tracker arrived.
+    /// Adds a reading of the tracker.
     pub fn reading(&mut self, sample: &PoseSample) {
         if self.station == Some(sample.station) {
             let pose = sample.transmitter_from_sensor;
@@ -116,7 +116,7 @@ impl LatencyMonitor {
         }
     }
 
-    /// A picture of the scene camera, and its pose by markers where it has one.
+    /// Adds a picture of the scene camera, with its pose by markers if it has one.
     pub fn picture(
         &mut self,
         captured_at: MonotonicTime,
@@ -138,7 +138,9 @@ impl LatencyMonitor {
             return;
         }
         let last = self.last_picture;
-        if last.is_some_and(|last| (0.0..SPACING).contains(&captured_at.seconds_since(last))) {
+        if last.is_some_and(|last| {
+            (0.0..MIN_INTERVAL_SECONDS).contains(&captured_at.seconds_since(last))
+        }) {
             return;
         }
         if let Some(mut small) = self.spare() {
@@ -148,7 +150,7 @@ impl LatencyMonitor {
         }
     }
 
-    /// What was measured so far.
+    /// Returns the current estimate.
     pub fn known(&self) -> OffsetState {
         match &self.mode {
             Mode::SameThread(measurement) => measurement.follower.state(),
@@ -175,24 +177,24 @@ impl LatencyMonitor {
     }
 
     fn confident_latency(&self) -> Option<i64> {
-        let measured = self.known().offset.filter(|m| m.sigma < SURE);
+        let measured = self.known().offset.filter(|m| m.sigma < MAX_SIGMA_SECONDS);
         Some((measured.filter(|_| self.apply)?.seconds * 1e9) as i64)
     }
 
-    /// Time begins anew.
+    /// Resets the measurement, because time starts again.
     pub fn restart(&mut self) {
         self.last_picture = None;
         self.requested = None;
         self.send(Message::Restart);
     }
 
-    /// All has been received: what is known of it. A live rig does not wait.
+    /// Returns the estimate from all data sent. A live rig does not wait for it.
     pub fn finish(&mut self) -> OffsetState {
         self.send(Message::Finish);
         if let Mode::MonitorThread(worker) = &self.mode
             && worker.lossless
         {
-            // Gone is finished, too.
+            // A thread that has ended has finished, too.
             let _ = worker.finished.recv();
         }
         self.known()
@@ -207,7 +209,7 @@ impl LatencyMonitor {
         }
     }
 
-    /// Memory for a small picture; none where so many are on their way that one is too many.
+    /// Returns a buffer for a small picture; `None` if a live rig has all of them in circulation.
     fn spare(&mut self) -> Option<Grey> {
         match &mut self.mode {
             Mode::SameThread(measurement) => Some(measurement.spare.take().unwrap_or_else(none)),
@@ -221,7 +223,7 @@ impl LatencyMonitor {
 
 impl MonitorThread {
     fn start(mut measurement: Measurement, lossless: bool) -> Result<Self, RigError> {
-        let (messages, received) = bounded::<Message>(WAITING);
+        let (messages, received) = bounded::<Message>(QUEUE_CAPACITY);
         let (spare, spares) = bounded(PICTURES);
         for _ in 0..PICTURES {
             let _ = spare.try_send(none());
@@ -255,7 +257,7 @@ impl MonitorThread {
         })
     }
 
-    /// A message that a live rig's thread has no time for is lost: the next ones say as much.
+    /// Sends a message. A live rig drops it if the queue is full; later messages replace it.
     fn send(&self, message: Message) {
         let Some(messages) = &self.messages else {
             return;
@@ -277,11 +279,11 @@ impl Drop for MonitorThread {
     }
 }
 
-/// Who measures.
+/// The measurement.
 #[derive(Default)]
 struct Measurement {
     follower: OffsetMonitor,
-    /// A small picture that was looked at.
+    /// The buffer of an analysed picture, to be recycled.
     spare: Option<Grey>,
 }
 
@@ -293,7 +295,7 @@ impl Measurement {
         }
     }
 
-    /// Whether something else is known now.
+    /// Processes a message. Returns whether the estimate was updated.
     fn take(&mut self, message: Message) -> bool {
         match message {
             Message::Reading(at, pose) => self.follower.add_reading(at, pose),

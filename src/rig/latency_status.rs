@@ -1,20 +1,20 @@
-//! What the status and the report say of the tracker's latency.
+//! Publishes the tracker's latency in the status and the report.
 
 use crate::frame::PreparedFrame;
 use crate::latency_monitor::LatencyState;
 use crate::report::LatencyReport;
 use penumbra_status::Snapshot;
 
-/// What is measured contradicts what is in force where it is off by so many σ,
+/// Minimum deviation, in σ, at which the measured latency contradicts the active latency;
 const CONTRADICTS_SIGMA: f64 = 3.0;
-/// and by so many milliseconds.
+/// minimum deviation in milliseconds. Both must be exceeded.
 const CONTRADICTS_MS: f64 = 4.0;
-/// What is said then.
+/// Warning of a contradiction.
 const WARNING: &str = "the tracker's latency is another than the one in force (see \
     pairing.tracker_latency_measured_ms), so virtual objects lag or lead in motion; run `penumbra \
     calibrate latency`, or set [sync] follow_latency = \"apply\"";
 
-/// Writes it into the status.
+/// Publishes the latency of a frame.
 pub(super) fn publish(s: &mut Snapshot, prepared: &PreparedFrame) {
     let state = &prepared.counts.latency;
     let Some(followed) = &state.followed else {
@@ -28,10 +28,10 @@ pub(super) fn publish(s: &mut Snapshot, prepared: &PreparedFrame) {
     p.tracker_latency_sigma_ms = measured.map(|m| m.sigma * 1e3);
     p.tracker_latency_by = measured.map(|m| m.method.name());
     p.tracker_latency_ago_s = measured.map(|m| now.seconds_since(m.estimated_at).max(0.0));
-    // The text is as long-lived as its cause: it is made anew once in some seconds at most.
+    // The text is formatted only when the refusal changes.
     match followed.refusal {
         None => p.tracker_latency_note = None,
-        Some(refusal) if !says(p.tracker_latency_note.as_deref(), &refusal) => {
+        Some(refusal) if !is_text_of(p.tracker_latency_note.as_deref(), &refusal) => {
             p.tracker_latency_note = Some(refusal.to_string());
         }
         Some(_) => (),
@@ -44,7 +44,7 @@ pub(super) fn publish(s: &mut Snapshot, prepared: &PreparedFrame) {
     }
 }
 
-/// For the report; `None` where nobody measured.
+/// Returns the latency for the report; `None` if it was not measured.
 pub(super) fn report(state: &LatencyState) -> Option<LatencyReport> {
     let followed = state.followed?;
     let measured = followed.offset;
@@ -64,19 +64,19 @@ fn in_force_ms(state: &LatencyState) -> f64 {
 fn contradicts(state: &LatencyState) -> bool {
     let measured = state.followed.and_then(|f| f.offset);
     measured.is_some_and(|m| {
-        let off = (m.seconds * 1e3 - in_force_ms(state)).abs();
-        off > CONTRADICTS_MS && off > CONTRADICTS_SIGMA * m.sigma * 1e3
+        let deviation = (m.seconds * 1e3 - in_force_ms(state)).abs();
+        deviation > CONTRADICTS_MS && deviation > CONTRADICTS_SIGMA * m.sigma * 1e3
     })
 }
 
-/// Whether `text` is what `what` says, without writing it down.
-fn says(text: Option<&str>, what: &impl std::fmt::Display) -> bool {
+/// Returns whether `text` is equal to the formatted `what`, without allocating.
+fn is_text_of(text: Option<&str>, what: &impl std::fmt::Display) -> bool {
     use std::fmt::Write;
-    /// What is left to be said.
+    /// The part of the text that has not been matched yet.
     struct Rest<'a>(&'a str);
     impl Write for Rest<'_> {
-        fn write_str(&mut self, said: &str) -> std::fmt::Result {
-            self.0 = self.0.strip_prefix(said).ok_or(std::fmt::Error)?;
+        fn write_str(&mut self, part: &str) -> std::fmt::Result {
+            self.0 = self.0.strip_prefix(part).ok_or(std::fmt::Error)?;
             Ok(())
         }
     }
@@ -108,7 +108,7 @@ mod tests {
     }
 
     #[test]
-    fn only_what_is_sure_and_large_contradicts() {
+    fn only_large_and_significant_deviations_contradict() {
         assert!(contradicts(&state(20, 35.0, 0.6)));
         assert!(contradicts(&state(35, 20.0, 0.6)));
         assert!(!contradicts(&state(20, 23.5, 0.1)));
@@ -117,7 +117,7 @@ mod tests {
     }
 
     #[test]
-    fn the_report_has_what_was_measured() {
+    fn report_contains_the_measured_latency() {
         let report = report(&state(20, 35.0, 0.6)).unwrap();
         assert_eq!(report.used_ms, 20.0);
         assert!((report.measured_ms.unwrap() - 35.0).abs() < 1e-9);
@@ -126,10 +126,10 @@ mod tests {
     }
 
     #[test]
-    fn a_text_is_compared_as_it_is_written() {
-        assert!(says(Some("a 1.5 b"), &format_args!("a {:.1} b", 1.5)));
-        assert!(!says(Some("a 1.5 b"), &format_args!("a {:.1}", 1.5)));
-        assert!(!says(Some("a"), &format_args!("a {:.1}", 1.5)));
-        assert!(!says(None, &""));
+    fn compares_text_with_its_formatted_value() {
+        assert!(is_text_of(Some("a 1.5 b"), &format_args!("a {:.1} b", 1.5)));
+        assert!(!is_text_of(Some("a 1.5 b"), &format_args!("a {:.1}", 1.5)));
+        assert!(!is_text_of(Some("a"), &format_args!("a {:.1}", 1.5)));
+        assert!(!is_text_of(None, &""));
     }
 }

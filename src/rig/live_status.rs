@@ -1,4 +1,4 @@
-//! What the supervisors know, in the status's words.
+//! Publishes the state of live devices in the status.
 
 use crate::rates::DeviceRate;
 use crate::source::Live;
@@ -10,11 +10,11 @@ use penumbra_interface::{
 use penumbra_status::Snapshot;
 use penumbra_status::snapshot::{Control, Device, DeviceState, SessionState};
 
-/// Bytes of a tracker after which a record should have been among them.
+/// Number of bytes from a tracker within which a record is expected.
 const BYTES_FOR_A_RECORD: u64 = 1000;
 
-/// Writes the state of every device. `rates` are the scene camera's, the environment
-/// camera's and the tracker's.
+/// Publishes the state of every device. `rates` are those of the scene camera, the environment
+/// camera and the tracker.
 pub(super) fn devices(s: &mut Snapshot, live: &Live, rates: &[DeviceRate; 3]) {
     let now = SystemClock.now();
     let (devices, lost) = (live.supervised(), live.hub.counts());
@@ -35,7 +35,7 @@ pub(super) fn devices(s: &mut Snapshot, live: &Live, rates: &[DeviceRate; 3]) {
     }
 }
 
-/// Says that the rig is live, or why no picture comes.
+/// Publishes that the rig is live, or why no picture arrives.
 pub(super) fn session(s: &mut Snapshot) {
     let scene = s.devices.iter().find(|d| d.kind == DeviceKind::SceneCamera);
     let trouble = scene.filter(|d| d.state != DeviceState::Streaming);
@@ -91,7 +91,7 @@ fn write(device: &mut Device, condition: &DeviceStatus, rate: &DeviceRate, now: 
     }
 }
 
-/// Bytes come, and nothing can be read in them.
+/// Message for a tracker whose bytes contain no record of its protocol.
 fn unreadable(protocol: &str, bytes: u64) -> String {
     format!(
         "{bytes} bytes came, and no record of {protocol} among them; check `protocol` and `baud` \
@@ -179,7 +179,7 @@ mod tests {
     }
 
     #[test]
-    fn bytes_without_a_record_are_told_as_another_protocol_or_speed() {
+    fn reports_bytes_without_a_record_as_wrong_protocol_or_baud_rate() {
         let reason = tracker(2000, 0).reason.unwrap();
         assert!(
             reason.contains("2000 bytes") && reason.contains("liberty"),
@@ -190,7 +190,7 @@ mod tests {
     }
 
     #[test]
-    fn a_cameras_controls_losses_and_next_try_are_shown() {
+    fn shows_controls_losses_and_next_attempt_of_a_camera() {
         let now = SystemClock.now();
         let report = |name: &str, standing| ControlReport {
             name: name.into(),
@@ -228,12 +228,15 @@ mod tests {
         assert_eq!((device.losses, device.dropped), (3, 11));
         assert!((device.retry_in_ms.unwrap() - 500.0).abs() < 1e-6);
         assert_eq!(device.identity.as_deref(), Some("usb-cam"));
-        let told: Vec<_> = device.controls.iter().map(|c| c.status.as_str()).collect();
-        assert_eq!(told, ["refused: EACCES", "the camera has no such control"]);
+        let statuses: Vec<_> = device.controls.iter().map(|c| c.status.as_str()).collect();
+        assert_eq!(
+            statuses,
+            ["refused: EACCES", "the camera has no such control"]
+        );
     }
 
     #[test]
-    fn the_session_says_why_no_picture_comes_and_when_all_is_well_again() {
+    fn session_reports_why_no_picture_arrives_and_recovery() {
         let mut s = Snapshot {
             devices: vec![Device::new("c", DeviceKind::SceneCamera)],
             ..Snapshot::default()

@@ -1,35 +1,35 @@
-//! Tells the service manager how it goes, where there is one (`NOTIFY_SOCKET`).
+//! Reports readiness, status and watchdog signals to the service manager, if there is one
+//! (`NOTIFY_SOCKET`).
 //!
-//! The watchdog is fed from the frame loop itself: a loop that hangs stops feeding it, and
-//! is restarted.
+//! The frame loop itself feeds the watchdog, so that a loop that hangs is restarted.
 
 use std::time::{Duration, Instant};
 
-/// How often the line in `systemctl status` is renewed.
+/// Interval at which the line in `systemctl status` is updated.
 const SENTENCE_EVERY: Duration = Duration::from_secs(2);
 
-/// What was told when.
+/// Sends notifications and remembers when they were sent.
 pub(super) struct Notifier {
     feed_every: Option<Duration>,
     fed: Option<Instant>,
-    told: Option<Instant>,
+    described: Option<Instant>,
     ready: bool,
 }
 
 impl Notifier {
-    /// By the environment.
+    /// Creates a notifier, configured by the environment variables of the service manager.
     pub fn new() -> Self {
         Self {
-            // Three times before its patience ends.
-            feed_every: system::watchdog().map(|patience| patience / 3),
+            // Three times per watchdog timeout.
+            feed_every: system::watchdog().map(|timeout| timeout / 3),
             fed: None,
-            told: None,
+            described: None,
             ready: false,
         }
     }
 
-    /// One turn of the loop: the first is what a start waits for. `sentence` is what
-    /// `systemctl status` shows.
+    /// Notifies the manager of an iteration of the frame loop. The first one completes the start.
+    /// `sentence` is the line in `systemctl status`.
     pub fn turn(&mut self, sentence: impl FnOnce() -> String) {
         if !self.ready {
             self.ready = true;
@@ -40,9 +40,9 @@ impl Notifier {
             self.fed = Some(Instant::now());
             system::feed();
         }
-        if system::listens() && due(self.told, SENTENCE_EVERY) {
-            self.told = Some(Instant::now());
-            system::say(&sentence());
+        if system::listens() && due(self.described, SENTENCE_EVERY) {
+            self.described = Some(Instant::now());
+            system::describe(&sentence());
         }
     }
 }
@@ -67,23 +67,23 @@ mod system {
     }
 
     pub fn ready() {
-        tell(NotifyState::Ready);
+        send(NotifyState::Ready);
     }
 
     pub fn feed() {
-        tell(NotifyState::Watchdog);
+        send(NotifyState::Watchdog);
     }
 
-    pub fn say(sentence: &str) {
-        tell(NotifyState::Status(sentence));
+    pub fn describe(sentence: &str) {
+        send(NotifyState::Status(sentence));
     }
 
     pub fn stopping() {
-        tell(NotifyState::Stopping);
+        send(NotifyState::Stopping);
     }
 
-    /// A manager that does not listen is no reason to stop.
-    fn tell(state: NotifyState<'_>) {
+    /// Sends a notification; a failure is only logged.
+    fn send(state: NotifyState<'_>) {
         if let Err(error) = notify(&[state]) {
             tracing::debug!(%error, "the service manager does not listen");
         }
@@ -106,7 +106,7 @@ mod system {
 
     pub const fn feed() {}
 
-    pub const fn say(_: &str) {}
+    pub const fn describe(_: &str) {}
 
     pub const fn stopping() {}
 }

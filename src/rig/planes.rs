@@ -1,7 +1,8 @@
-//! Shadowing planes in a rig: a bake is read from the cache or made on a thread of its own,
-//! while pictures go on with the light dome's shadows. When the scene is changed later, the old
-//! scene stays in the picture with its bake until that of the new one is there; a model that is
-//! moved as a whole takes its bake along at once.
+//! Obtains and exchanges the bakes of shadowing planes in a rig.
+//!
+//! A bake is read from the cache or made on its own thread; until it is ready, the light dome casts
+//! the shadows. When the scene changes later, the old scene stays in the picture with its bake
+//! until the bake of the new scene is ready. A rigid motion of the model moves its bake at once.
 
 use crate::baking::{Baked, Baking, Obtained};
 use crate::context::RunContext;
@@ -21,48 +22,48 @@ use penumbra_status::planes::{PlanesState, PlanesStatus};
 use std::sync::Arc;
 use std::time::Duration;
 
-/// Time between two looks at a bake that is waited for.
-const LOOK_EVERY: Duration = Duration::from_millis(100);
+/// Polling interval while waiting for a bake.
+const POLL_EVERY: Duration = Duration::from_millis(100);
 
-/// Whether the bake in force is right for a scene.
+/// How well the active bake fits a scene.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Fit {
-    /// It is, where it was moved to.
+    /// It fits, after its motion.
     Right,
-    /// Nearly, where it was moved to: something real has not moved along.
+    /// It fits approximately after its motion, because real objects have not moved with the model.
     Nearly,
-    /// It is another scene's.
+    /// It belongs to another scene.
     Not,
 }
 
-/// What is shown of planes.
+/// The bake that is shown.
 struct ActivePlanes {
     baked: Baked,
     world_from_bake: RigidTransform,
-    /// The scene that it was compared with last, and how well it fits.
+    /// The scene that it was last compared with, and how well it fits.
     fits: (Arc<Scene>, Fit),
 }
 
-/// See the module.
+/// The bakes of a run; see the module.
 #[derive(Default)]
 pub(super) struct PlaneBakes {
     status: PlanesStatus,
     working: Option<Baking>,
-    /// Nobody wants these any more.
+    /// Cancelled bakes whose threads may still run.
     retired: Vec<Baking>,
     in_force: Option<ActivePlanes>,
-    /// A scene that has no bake, and why.
+    /// A scene whose bake failed, and the reason.
     failed: Option<(Arc<Scene>, String)>,
 }
 
 impl PlaneBakes {
-    /// What planes are doing.
+    /// Status of the planes.
     pub const fn status(&self) -> &PlanesStatus {
         &self.status
     }
 
-    /// How a frame of `scene` is drawn with `settings`; `None` where planes are not the
-    /// technique, or have no bake of it.
+    /// Returns how to render a frame of `scene` with `settings`; `None` if planes are not the
+    /// technique or have no bake of the scene.
     pub fn choice(&self, settings: &Settings, scene: &Arc<Scene>) -> Option<PlanesChoice> {
         let wanted = settings.technique == Technique::ShadowingPlanes && self.shows(scene);
         wanted.then_some(PlanesChoice {
@@ -74,7 +75,7 @@ impl PlaneBakes {
         })
     }
 
-    /// How the dome of the lights is turned: with the model.
+    /// Rotation of the light dome, which is that of the model.
     pub fn turn(&self) -> DQuat {
         self.in_force
             .as_ref()
@@ -86,9 +87,12 @@ impl PlaneBakes {
         self.in_force.as_ref().is_some_and(fits)
     }
 
-    /// Sees to the bake of `wanted`, the newest scene, and says whether that may be shown in
-    /// place of `shown`. A recording waits for its first bake, so that its pictures are always the
-    /// same; else the picture goes on, and the status says what is wrong.
+    /// Obtains the bake of `wanted`, the newest scene, and returns whether that scene may replace
+    /// `shown`. A recording waits for its first bake, so that its pictures are reproducible;
+    /// otherwise frames continue, and the status reports failures.
+    ///
+    /// # Errors
+    /// The first bake of a recording fails, or the system cannot start a thread.
     pub fn attend(
         &mut self,
         context: &RunContext,
@@ -118,8 +122,8 @@ impl PlaneBakes {
                 return Ok(true);
             }
             self.work(context, wanted, compositor)?;
-            let patience = if wait { LOOK_EVERY } else { Duration::ZERO };
-            if self.look(patience, wait, compositor)? {
+            let timeout = if wait { POLL_EVERY } else { Duration::ZERO };
+            if self.look(timeout, wait, compositor)? {
                 continue;
             }
             if !wait || context.is_shutting_down() {
@@ -129,8 +133,8 @@ impl PlaneBakes {
         }
     }
 
-    /// How well the bake in force fits `wanted`, moved along with it where that is enough. Where
-    /// it does not fit it stays as it is, for the scene that is shown.
+    /// Returns how well the active bake fits `wanted`, and moves it if a motion suffices. A bake that
+    /// does not fit stays in place for the scene that is shown.
     fn fit(&mut self, wanted: &Arc<Scene>, compositor: &mut Compositor) -> Fit {
         let Some(force) = &mut self.in_force else {
             return Fit::Not;
@@ -138,7 +142,7 @@ impl PlaneBakes {
         if Arc::ptr_eq(&force.fits.0, wanted) {
             return force.fits.1;
         }
-        // It is being baked because it was compared before.
+        // Its bake is in progress, so the active bake was found not to fit.
         if let Some(working) = &self.working
             && Arc::ptr_eq(&working.scene, wanted)
         {
@@ -146,7 +150,7 @@ impl PlaneBakes {
         }
         let (motion, fit) = match Change::between(&force.baked.scene, wanted) {
             Change::Looks => (RigidTransform::IDENTITY, Fit::Right),
-            Change::Moved { new_from_old } if goes_along(wanted, new_from_old) => {
+            Change::Moved { new_from_old } if shadows_move_along(wanted, new_from_old) => {
                 (new_from_old, Fit::Right)
             }
             Change::Moved { new_from_old } => (new_from_old, Fit::Nearly),
@@ -158,8 +162,8 @@ impl PlaneBakes {
         fit
     }
 
-    /// Planes are baked for what stands still: a scene in which part `index` moves has the dome's
-    /// shadows.
+    /// Refuses to bake a scene in which part `index` moves, because planes are baked for static
+    /// objects. The light dome casts its shadows.
     fn refuse(&mut self, scene: &Arc<Scene>, index: usize) {
         self.retire();
         if !self.has_failed(scene) {
@@ -168,7 +172,7 @@ impl PlaneBakes {
                 .get(index)
                 .map_or("", |p| p.name.as_str());
             let reason = format!(
-                "`{name}` moves (`keys` or `animation`), and planes are baked for what stands still"
+                "`{name}` moves (`keys` or `animation`), and planes are baked for static objects"
             );
             tracing::warn!("shadowing planes: {reason}; the light dome casts the shadows");
             self.failed = Some((scene.clone(), reason));
@@ -190,15 +194,15 @@ impl PlaneBakes {
         }
     }
 
-    /// Makes sure that the bake of `scene` is on its way.
+    /// Starts the bake of `scene` if it is not in progress.
     fn work(
         &mut self,
         context: &RunContext,
         scene: &Arc<Scene>,
         compositor: &Compositor,
     ) -> Result<(), RigError> {
-        let on_its_way = |w: &Baking| Arc::ptr_eq(&w.scene, scene);
-        if self.working.as_ref().is_none_or(|w| !on_its_way(w)) {
+        let is_in_progress = |w: &Baking| Arc::ptr_eq(&w.scene, scene);
+        if self.working.as_ref().is_none_or(|w| !is_in_progress(w)) {
             self.retire();
             let before = self.in_force.as_ref().and_then(ActivePlanes::to_build_on);
             let config = &context.config.planes;
@@ -208,7 +212,7 @@ impl PlaneBakes {
         Ok(())
     }
 
-    /// Ends what is on its way; nobody waits for its end.
+    /// Cancels the bake in progress without waiting for its thread.
     fn retire(&mut self) {
         self.retired.retain(|w| !w.is_over());
         if let Some(working) = self.working.take() {
@@ -217,17 +221,17 @@ impl PlaneBakes {
         }
     }
 
-    /// Takes what is finished, and says whether something is.
+    /// Takes a finished bake, waiting up to `timeout`. Returns whether a bake finished or failed.
     fn look(
         &mut self,
-        patience: Duration,
+        timeout: Duration,
         strict: bool,
         compositor: &mut Compositor,
     ) -> Result<bool, RigError> {
         let Some(working) = &self.working else {
             return Ok(false);
         };
-        match working.result.recv_timeout(patience) {
+        match working.result.recv_timeout(timeout) {
             Err(RecvTimeoutError::Timeout) => {
                 self.status.state = working.state();
                 return Ok(false);
@@ -257,7 +261,7 @@ impl PlaneBakes {
     fn fail(&mut self, reason: String) {
         tracing::warn!("shadowing planes: {reason}; the light dome casts the shadows");
         if let Some(working) = &self.working {
-            // Not even one that was moved along and nearly fits.
+            // A moved bake that fits approximately is not shown either.
             if let Some(force) = &mut self.in_force
                 && Arc::ptr_eq(&force.fits.0, &working.scene)
             {
@@ -279,7 +283,10 @@ impl PlaneBakes {
         self.status.from_cache = obtained.from_cache;
     }
 
-    /// Counts what the last frame cost. Waits for it.
+    /// Counts the work of the last frame. Waits for the GPU to finish it.
+    ///
+    /// # Errors
+    /// The counts cannot be read from the GPU.
     pub fn count(&mut self, compositor: &Compositor) -> Result<(), RigError> {
         let Some(work) = compositor.plane_work()? else {
             return Ok(());
@@ -295,8 +302,8 @@ impl PlaneBakes {
 }
 
 impl ActivePlanes {
-    /// The bake as it stands now, for a scene in which not all has changed. One that was turned
-    /// has its lights turned, too, and is no start.
+    /// Returns the bake in its current position, for reuse in a scene that has changed partly. A
+    /// rotated bake has rotated lights, too, and cannot be reused.
     fn to_build_on(&self) -> Option<Baked> {
         let RigidTransform {
             rotation,
@@ -320,8 +327,8 @@ impl ActivePlanes {
     }
 }
 
-/// Whether all shadows of `scene` move along with its model: what is real is level ground alone,
+/// Returns whether all shadows of `scene` move with its model: the real scene is level ground alone,
 /// and the model has stayed upright on it.
-fn goes_along(scene: &Scene, motion: RigidTransform) -> bool {
+fn shadows_move_along(scene: &Scene, motion: RigidTransform) -> bool {
     is_level(motion) && solid_phantoms(scene).next().is_none()
 }

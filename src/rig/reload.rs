@@ -1,5 +1,5 @@
-//! Watches the scene file and the models that it names, and makes a changed scene ready beside
-//! the frame path. A scene that cannot be read leaves the one that is shown.
+//! Watches the scene file and the models that it names, and prepares a changed scene on its own
+//! thread. If the changed scene cannot be read, the current scene stays.
 
 use crate::error::RigError;
 use crate::light::scene_tables::SceneLight;
@@ -15,9 +15,9 @@ use std::sync::Arc;
 use std::thread::JoinHandle;
 use std::time::{Duration, SystemTime};
 
-/// Time between two looks at the files. Notifications of the system would be sooner, and do not
-/// come from network folders or after an editor has put a new file in an old one's place.
-const LOOK_EVERY: Duration = Duration::from_millis(250);
+/// Polling interval of the files. File system notifications would be faster, but are missing for
+/// network folders and after an editor has replaced a file by a new one.
+const POLL_EVERY: Duration = Duration::from_millis(250);
 
 /// A changed scene, ready to be shown.
 pub(super) struct Loaded {
@@ -27,7 +27,7 @@ pub(super) struct Loaded {
 }
 
 impl Loaded {
-    /// In place of an `older` one that was never shown.
+    /// Replaces an `older` scene that was never shown.
     pub fn over(self, older: Self) -> Self {
         Self {
             light: self.light.over(older.light),
@@ -36,19 +36,19 @@ impl Loaded {
     }
 }
 
-/// What became of a change.
+/// The outcome of a change.
 pub(super) enum News {
-    /// It can be shown.
+    /// The scene can be shown.
     Loaded(Box<Loaded>),
-    /// It cannot: what, where, what to do.
+    /// The scene cannot be read; the message for the user.
     Kept(String),
 }
 
-/// What the thread works with.
+/// Inputs of the thread.
 pub(super) struct Origin {
     /// The scene file.
     pub path: PathBuf,
-    /// What the session brings of the scene, without anything virtual.
+    /// The session's scene without virtual objects.
     pub phantoms: Scene,
     /// The scene that is shown.
     pub shown: Arc<Scene>,
@@ -57,7 +57,7 @@ pub(super) struct Origin {
     pub uploader: SceneUploader,
 }
 
-/// The thread, and the way from it. Dropping it ends the thread.
+/// The thread and the channel of its updates. Dropping it ends the thread.
 pub(super) struct Reload {
     news: Option<Receiver<News>>,
     stop: Option<Sender<()>>,
@@ -65,15 +65,18 @@ pub(super) struct Reload {
 }
 
 impl Reload {
-    /// Begins to watch.
+    /// Starts to watch the files.
+    ///
+    /// # Errors
+    /// The system cannot start a thread.
     pub fn start(origin: Origin) -> Result<Self, RigError> {
-        let (tell, news) = bounded(1);
+        let (sender, news) = bounded(1);
         let (stop, stopped) = bounded(1);
         let mut watch = Watch::new(origin);
         let thread = threads::spawn_background("scene", move || {
-            while stopped.recv_timeout(LOOK_EVERY) == Err(RecvTimeoutError::Timeout) {
+            while stopped.recv_timeout(POLL_EVERY) == Err(RecvTimeoutError::Timeout) {
                 if let Some(news) = watch.look()
-                    && tell.send(news).is_err()
+                    && sender.send(news).is_err()
                 {
                     return;
                 }
@@ -86,7 +89,7 @@ impl Reload {
         })
     }
 
-    /// What has become of a change since the last call.
+    /// Returns the outcome of a change since the last call.
     pub fn news(&self) -> Option<News> {
         self.news.as_ref()?.try_recv().ok()
     }
@@ -102,13 +105,13 @@ impl Drop for Reload {
     }
 }
 
-/// A file as it was seen: when it was written, and its size; nothing where there is none.
+/// Modification time and size of a file; `None` if it does not exist.
 type Stamp = Option<(SystemTime, u64)>;
 
 struct Watch {
     origin: Origin,
     files: Vec<PathBuf>,
-    /// As they were read, and as they were seen last.
+    /// Stamps of the files when they were last read, and at the last poll.
     read: Vec<Stamp>,
     seen: Vec<Stamp>,
 }
@@ -125,7 +128,7 @@ impl Watch {
         }
     }
 
-    /// Reads the scene anew once its files have changed and stand still.
+    /// Reads the scene again once its files have changed and are equal in two successive polls.
     fn look(&mut self) -> Option<News> {
         let now = stamps(&self.files);
         let still = now == self.seen;

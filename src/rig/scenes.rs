@@ -1,4 +1,4 @@
-//! The scene in the picture, and the way of a changed one into it.
+//! Holds the scene in the picture and replaces it between frames when its file changes.
 
 use crate::context::RunContext;
 use crate::error::RigError;
@@ -14,10 +14,10 @@ use penumbra_scene::SceneChoice;
 use penumbra_status::{SceneStatus, Settings};
 use std::sync::Arc;
 
-/// See the module.
+/// The scene that is shown and the one that will replace it.
 pub(super) struct Scenes {
     shown: Arc<Scene>,
-    /// Waits for its shadows.
+    /// The next scene, whose bake is not ready yet.
     next: Option<Box<Loaded>>,
     reload: Option<Reload>,
     news: SceneUpdates,
@@ -26,7 +26,10 @@ pub(super) struct Scenes {
 }
 
 impl Scenes {
-    /// Shows the scene that the rig begins with, and watches its file where it has one.
+    /// Shows the initial scene and watches its file, if it has one.
+    ///
+    /// # Errors
+    /// The session's scene cannot be read, or the system cannot start a thread.
     pub fn new(
         context: &RunContext,
         compositor: &mut Compositor,
@@ -70,13 +73,13 @@ impl Scenes {
         &self.shown
     }
 
-    /// What became of its file's changes.
+    /// Status of the scene file's changes.
     pub const fn status(&self) -> &SceneStatus {
         &self.status
     }
 
-    /// Takes a changed scene as soon as it can be shown: with planes, when there is a bake of
-    /// it, or none can be had.
+    /// Shows a changed scene as soon as possible: with shadowing planes, when its bake is ready or has
+    /// failed.
     pub fn attend(
         &mut self,
         context: &RunContext,
@@ -125,7 +128,7 @@ impl Scenes {
         self.status.reason = Some(reason);
     }
 
-    /// An earlier mistake is mended, or another has taken its place.
+    /// Clears the warning of an earlier failure.
     fn settle(&mut self, context: &RunContext) {
         if let Some(reason) = self.status.reason.take() {
             context.status.update(|s| s.clear_warning(&reason));
@@ -133,7 +136,7 @@ impl Scenes {
     }
 }
 
-/// Tells what of a scene is not as its owner will have wanted it.
+/// Publishes the warnings of a scene.
 fn warn_of(context: &RunContext, scene: &Scene) {
     for text in &scene.warnings {
         tracing::warn!("{text}");

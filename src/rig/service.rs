@@ -1,5 +1,5 @@
-//! What goes on beside the frames, on a thread of its own: the status server, and the
-//! signals that end the program. No frame ever waits for it.
+//! Runs the status server and handles the signals that end the program, on its own thread. Frames
+//! never wait for it.
 
 use penumbra_interface::threads;
 use penumbra_status::{StatusError, StatusServer};
@@ -9,18 +9,18 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
 use tokio::sync::oneshot;
 
-/// Runs until it is stopped or dropped.
+/// The service thread; runs until it is dropped.
 pub struct Service {
     stop: Option<oneshot::Sender<()>>,
     thread: Option<JoinHandle<()>>,
 }
 
 impl Service {
-    /// Serves `server`, if there is one. SIGINT (Ctrl-C) and SIGTERM set `shutdown`, which
-    /// the frame loop looks at.
+    /// Serves `server`, if there is one. SIGINT (Ctrl-C) and SIGTERM set `shutdown`, which the frame
+    /// loop checks.
     ///
     /// # Errors
-    /// The system refused a thread, a runtime or a signal handler.
+    /// The system cannot provide a thread, a runtime or a signal handler.
     pub fn start(server: Option<StatusServer>, shutdown: Arc<AtomicBool>) -> io::Result<Self> {
         let runtime = tokio::runtime::Builder::new_current_thread()
             .enable_all()
@@ -48,7 +48,7 @@ impl Drop for Service {
     }
 }
 
-/// Everything at once, until `stopped`.
+/// Runs the server and the signal handler concurrently until `stopped`.
 async fn attend(
     server: Option<StatusServer>,
     signals: Signals,
@@ -62,7 +62,7 @@ async fn attend(
     }
 }
 
-/// Serves for ever; without a server it waits for ever.
+/// Serves for ever; without a server, waits for ever.
 async fn serve(server: Option<StatusServer>) {
     if let Some(server) = server {
         let served: Result<(), StatusError> = server.serve(std::future::pending()).await;
@@ -73,7 +73,7 @@ async fn serve(server: Option<StatusServer>) {
     std::future::pending().await
 }
 
-/// Sets `shutdown` at every signal.
+/// Sets `shutdown` on every signal.
 async fn watch(mut signals: Signals, shutdown: &AtomicBool) {
     while signals.next().await {
         shutdown.store(true, Ordering::Relaxed);
@@ -81,7 +81,7 @@ async fn watch(mut signals: Signals, shutdown: &AtomicBool) {
     std::future::pending().await
 }
 
-/// What asks the program to end.
+/// The signals that end the program.
 #[cfg(unix)]
 struct Signals {
     interrupt: tokio::signal::unix::Signal,
@@ -107,7 +107,7 @@ impl Signals {
     }
 }
 
-/// What asks the program to end.
+/// The signals that end the program.
 #[cfg(not(unix))]
 struct Signals;
 

@@ -1,4 +1,4 @@
-//! The configuration in the compositor's and the dashboard's words.
+//! Converts the configuration to settings of the compositor, the dashboard and the pairing.
 
 use penumbra_compositor::exposure::AutoLimits;
 use penumbra_compositor::{CompositorSettings, Exposure};
@@ -7,7 +7,7 @@ use penumbra_rig_model::RigCalibration;
 use penumbra_status::Settings;
 use penumbra_sync::PairingConfig;
 
-/// The settings that the dashboard may change, as the configuration has them.
+/// Returns the configured values of the settings that the dashboard may change.
 #[must_use]
 pub fn live_settings(config: &Config) -> Settings {
     Settings {
@@ -33,7 +33,7 @@ pub fn live_settings(config: &Config) -> Settings {
     }
 }
 
-/// The exposure of a picture that was taken at `seconds`.
+/// Returns the exposure of a picture taken at `seconds` after the session began.
 pub(super) const fn exposure(settings: &Settings, seconds: f64) -> Exposure {
     match settings.exposure_mode {
         ExposureMode::Off => Exposure::Camera,
@@ -50,18 +50,17 @@ pub(super) const fn exposure(settings: &Settings, seconds: f64) -> Exposure {
     }
 }
 
-/// Look-ups per light and point for soft shadows where there is time for them: with twice as
-/// many the shadows' error falls by another 2 % only.
+/// Shadow map samples per light and point for soft shadows when rendering need not be real-time.
 const SOFT_SAMPLES: u32 = 4;
 
-/// `is_live`: somebody waits for each picture.
+/// Returns the compositor's settings. `is_live`: frames must keep the cameras' rate.
 pub(super) fn compositor_settings(
     config: &Config,
     is_live: bool,
     software: bool,
 ) -> CompositorSettings {
     let automatic = CompositorSettings::for_adapter(software);
-    // Nobody waits for a frame of a replay at full speed.
+    // A replay at maximum speed has no real-time deadline.
     let unhurried = !is_live && config.replay.speed == ReplaySpeed::Max;
     CompositorSettings {
         light_budget: config.environment.light_count,
@@ -87,7 +86,7 @@ pub(super) fn compositor_settings(
     }
 }
 
-/// How the streams of `rig` are paired: its latencies and brackets, and defaults for the rest.
+/// Returns the pairing of the streams of `rig`: its latencies and brackets, defaults otherwise.
 #[must_use]
 pub fn pairing_config(rig: &RigCalibration) -> PairingConfig {
     let environment = rig.environment.as_ref();
@@ -108,7 +107,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_dashboards_defaults_are_the_configurations() {
+    fn dashboard_defaults_equal_configuration_defaults() {
         assert_eq!(live_settings(&Config::default()), Settings::default());
     }
 }

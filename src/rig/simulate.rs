@@ -1,5 +1,4 @@
-//! Simulated devices in the place of real ones: a tracker at a pseudo-terminal or behind
-//! datagrams, which the live rig cannot tell from one that is plugged in.
+//! Simulates trackers at a pseudo-terminal or by datagrams. A live rig opens them like real devices.
 
 use crate::service::Service;
 use penumbra_interface::SystemClock;
@@ -17,82 +16,82 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use thiserror::Error;
 
-/// What to simulate, and where.
+/// Options of a simulation.
 #[derive(Clone, Debug)]
 pub struct SimulateOptions {
-    /// A protocol's name; `None` for the recording's.
+    /// Name of the protocol; `None` for that of the recording.
     pub protocol: Option<String>,
-    /// Where the device is to be found.
+    /// Address of the device.
     pub place: SimulatedPlace,
-    /// Records a second; `None` for the device's own rate.
+    /// Records per second; `None` for the device's default rate.
     pub rate: Option<f64>,
-    /// What moves it.
+    /// Source of its motion.
     pub source: SimulatedSource,
-    /// What is wrong with its line.
+    /// Faults of its connection.
     pub faults: Faults,
 }
 
-/// Where a simulated tracker is to be found.
+/// Address of a simulated tracker.
 #[derive(Clone, Debug)]
 pub enum SimulatedPlace {
-    /// A pseudo-terminal, under this name too if there is one.
+    /// A pseudo-terminal, linked to this path if there is one.
     Pty(Option<PathBuf>),
     /// Datagrams to this address.
     Udp(SocketAddr),
 }
 
-/// What moves a simulated tracker.
+/// Source of the motion of a simulated tracker.
 #[derive(Clone, Debug)]
 pub enum SimulatedSource {
-    /// Once around a point.
+    /// An orbit around a point.
     Orbit,
     /// A file of poses.
     File(PathBuf),
-    /// The bytes of a recorded session, as they came.
+    /// The bytes of a recorded session, with their timing.
     Session(PathBuf),
 }
 
-/// The simulation cannot start or go on. Each text is the one line that the user gets.
+/// An error of a simulation, with a one-line message for the user.
 #[derive(Debug, Error)]
 pub enum SimulateError {
-    /// The recording.
+    /// The session cannot be read.
     #[error(transparent)]
     Session(#[from] SessionError),
-    /// It has no tracker's bytes.
+    /// The session has no bytes of a tracker.
     #[error("{}: holds no bytes of a tracker; record one, or leave --session out", path.display())]
     NoBytes {
         /// The session.
         path: PathBuf,
     },
-    /// Nobody said which protocol.
+    /// No protocol was given.
     #[error("which tracker? add --protocol fastrak, liberty, patriot, flock, freed or csv")]
     NoProtocol,
-    /// Nobody speaks it.
+    /// The protocol is unknown.
     #[error(transparent)]
     Protocol(#[from] UnknownProtocol),
-    /// The file of poses.
+    /// The file of poses is invalid.
     #[error("{}: {source}", path.display())]
     Trajectory {
         /// The file.
         path: PathBuf,
-        /// What is wrong with it.
+        /// The error in the file.
         source: TrajectoryError,
     },
-    /// A file, the pseudo-terminal, the socket.
+    /// A file, the pseudo-terminal or the socket failed.
     #[error("{place}: {source}")]
     Io {
         /// Path or address.
         place: String,
-        /// What the system says.
+        /// The error of the system.
         source: io::Error,
     },
 }
 
-/// Simulates until a signal ends the program or the faults say to hang up. `ready` is told
-/// where the device is as soon as it can be opened.
+/// Simulates until a signal ends the program or the faults end the connection. Calls `ready` with
+/// the device's address as soon as it can be opened.
 ///
 /// # Errors
-/// Unreadable sources, an unknown protocol, and what the system refuses.
+/// The source cannot be read, the protocol is missing or unknown, or a system call fails.
 pub fn simulate(options: SimulateOptions, ready: impl FnOnce(&str)) -> Result<(), SimulateError> {
     let (source, recorded) = source(&options.source)?;
     let protocol = options.protocol.or(recorded);
@@ -144,19 +143,19 @@ fn at_pty(
     Err(failed("pseudo-terminal", io::ErrorKind::Unsupported.into()))
 }
 
-/// What is sent, and the protocol of a recording.
+/// Returns the data source, and the protocol of a recording.
 fn source(source: &SimulatedSource) -> Result<(Source, Option<String>), SimulateError> {
     match source {
         SimulatedSource::Orbit => Ok((Source::Trajectory(Trajectory::default()), None)),
         SimulatedSource::File(path) => {
             let text = std::fs::read_to_string(path)
                 .map_err(|e| failed(&path.display().to_string(), e))?;
-            let path_of_it =
+            let trajectory =
                 Trajectory::parse(&text).map_err(|source| SimulateError::Trajectory {
                     path: path.clone(),
                     source,
                 })?;
-            Ok((Source::Trajectory(path_of_it), None))
+            Ok((Source::Trajectory(trajectory), None))
         }
         SimulatedSource::Session(path) => {
             let session = Session::open(path)?;
@@ -170,7 +169,7 @@ fn source(source: &SimulatedSource) -> Result<(Source, Option<String>), Simulate
     }
 }
 
-/// The tracker's bytes of a session, damaged stretches left out.
+/// Returns the tracker's bytes of a session, without damaged records.
 fn recording(session: &Session) -> Recording {
     let chunks = session.events().filter_map(|event| match event {
         Ok(SessionEvent::TrackerBytes {

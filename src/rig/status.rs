@@ -1,4 +1,4 @@
-//! What the rig writes into the status.
+//! Publishes the state of a run in the status.
 
 use crate::frame::PreparedFrame;
 use crate::latency_status;
@@ -25,35 +25,35 @@ use penumbra_white_balance::{MatchStatus, MethodStatus, Provenance};
 
 /// Everything that a frame changes in the status.
 pub struct Published<'a> {
-    /// Where to write.
+    /// Destination.
     pub status: &'a SharedStatus,
-    /// Where the frame came from.
+    /// Source of the frame.
     pub source: &'a Source,
     /// The frame.
     pub prepared: &'a PreparedFrame,
-    /// Times so far.
+    /// Durations of the stages so far.
     pub stages: &'a StageTimes,
     /// Counts so far.
     pub frames: &'a FrameCounts,
-    /// How fast pictures are made and devices deliver.
+    /// Rates of composed frames and of the devices.
     pub rates: &'a Rates,
     /// Share of the recording that has been played.
     pub played: Option<f64>,
-    /// Settings in force.
+    /// Active settings.
     pub settings: &'a Settings,
-    /// What shadowing planes are doing.
+    /// Status of the shadowing planes.
     pub planes: &'a PlanesStatus,
-    /// Where the scene is from.
+    /// Status of the scene file.
     pub scene: &'a SceneStatus,
     /// The picture's exposure.
     pub exposure: ActiveExposure,
-    /// The brightest light of the real scene, followed smoothly.
+    /// The brightest light of the real scene, smoothed over time.
     pub brightest: BrightestLight,
-    /// Light older than this is old, nanoseconds.
+    /// Age from which light is reported as stale, nanoseconds.
     pub stale_after_nanos: i64,
 }
 
-/// Writes what is known before the first frame.
+/// Publishes the state before the first frame.
 pub fn begin(status: &SharedStatus, source: &Source, setup: &RigSetup, gpu: &Gpu) {
     let info = gpu.adapter.get_info();
     status.update(|s| {
@@ -72,11 +72,11 @@ pub fn begin(status: &SharedStatus, source: &Source, setup: &RigSetup, gpu: &Gpu
     });
 }
 
-/// A live rig may begin like this.
+/// Warning of a live rig without a calibration.
 const UNCALIBRATED: &str = "the rig is not calibrated, so the picture is the camera's; name its \
     calibration under [calibration] from";
 
-/// Writes what is known while no picture comes.
+/// Publishes the state of a live rig while no picture arrives.
 pub fn publish_idle(status: &SharedStatus, source: &Source, rates: &Rates) {
     let Source::Live(live) = source else { return };
     status.update(|s| {
@@ -86,7 +86,7 @@ pub fn publish_idle(status: &SharedStatus, source: &Source, rates: &Rates) {
     });
 }
 
-/// Writes it.
+/// Publishes the state after a frame.
 pub fn publish(p: &Published<'_>) {
     let frame = &p.prepared.frame;
     if let Some(preview) = &p.prepared.preview {
@@ -156,7 +156,7 @@ fn pairing(s: &mut Snapshot, frame: &RigFrame, rates: &Rates) {
     s.pairing.pose = answer(frame.pose.as_ref());
 }
 
-/// How a pose was found, in the status' words.
+/// Converts the provenance of a pose for the status.
 pub(super) fn answer(pose: Option<&sync::PoseAt>) -> PoseAnswer {
     match pose.map(|pose| pose.provenance) {
         None => PoseAnswer::None,
@@ -198,18 +198,18 @@ fn lighting(s: &mut Snapshot, p: &Published<'_>) {
     s.lighting.dominant_direction = (p.brightest.dominance > 0.0).then(|| direction.to_array());
     s.lighting.dominance = Some(f64::from(p.brightest.dominance));
     if let Some(status) = white_balance {
-        s.white_balance = in_words(status);
+        s.white_balance = white_balance_status(status);
     }
 }
 
-fn in_words(status: &MatchStatus) -> WhiteBalance {
+fn white_balance_status(status: &MatchStatus) -> WhiteBalance {
     let relative = |percent: &Option<[f64; 3]>| percent.map(|p| p.map(|x| x / 100.0));
     let estimates = status.methods.iter().map(|m| WhiteBalanceEstimate {
         method: method(m.method),
         gains: m.gains,
         uncertainty: relative(&m.uncertainty_percent).unwrap_or([f64::NAN; 3]),
     });
-    // That the world is grey is a guess, not a measurement.
+    // The grey world is an assumption, not a measurement.
     let measured = |m: &&MethodStatus| m.method != Provenance::GreyWorld;
     let disagreement = status
         .methods
@@ -227,12 +227,12 @@ fn in_words(status: &MatchStatus) -> WhiteBalance {
     }
 }
 
-/// Linear value of the grey that the match is shown with.
+/// Linear value of the grey surface that illustrates the match.
 const GREY: f64 = 0.6;
 
-/// A grey surface as the scene camera sees it, and as the environment camera does by the
-/// best measurement that is not itself in force; with none but that, the match is exact by
-/// its own account.
+/// Returns a grey surface as seen by the scene camera and by the environment camera, the latter by
+/// the best measurement other than the active one. Without another measurement the match is exact
+/// by definition.
 fn white(status: &MatchStatus) -> Option<WhiteMatch> {
     let measured = |wanted: Provenance| status.methods.iter().find(|m| m.method == wanted);
     let others = [
@@ -240,11 +240,11 @@ fn white(status: &MatchStatus) -> Option<WhiteMatch> {
         Provenance::Overlap,
         Provenance::Reflectance,
     ];
-    let judge = others
+    let reference = others
         .into_iter()
         .filter(|m| *m != status.in_force)
         .find_map(measured);
-    let seen = judge.map_or(status.gains, |m| m.gains);
+    let seen = reference.map_or(status.gains, |m| m.gains);
     if seen.iter().any(|g| !g.is_finite() || *g <= 0.0) {
         return None;
     }
@@ -259,7 +259,7 @@ fn white(status: &MatchStatus) -> Option<WhiteMatch> {
 
 const fn method(provenance: Provenance) -> WhiteBalanceMethod {
     match provenance {
-        // Both rest on what was photographed before.
+        // Both use pictures taken during calibration.
         Provenance::Calibrated | Provenance::Chart => WhiteBalanceMethod::Chart,
         Provenance::Overlap => WhiteBalanceMethod::Automatic,
         Provenance::Reflectance => WhiteBalanceMethod::KnownSurface,
@@ -270,7 +270,7 @@ const fn method(provenance: Provenance) -> WhiteBalanceMethod {
     }
 }
 
-/// The recording's devices: streaming while they deliver.
+/// Publishes the devices of a recording, as streaming while they deliver.
 fn devices(s: &mut Snapshot, p: &Published<'_>) {
     let frame = &p.prepared.frame;
     if s.devices.is_empty() {

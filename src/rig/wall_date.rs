@@ -1,10 +1,10 @@
-//! The date on the wall, for names and notes that people read; nothing is timed by it.
+//! The wall-clock date, for names and notes; nothing is timed by it.
 
-/// Year, month, day, hour, minute, second, UTC.
+/// Returns the current year, month, day, hour, minute and second, UTC.
 #[must_use]
 #[expect(
     clippy::disallowed_methods,
-    reason = "people find recordings and calibrations by the date on the wall"
+    reason = "recordings and calibrations are named by the wall-clock date"
 )]
 pub fn utc_now() -> [u64; 6] {
     let since = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH);
@@ -14,15 +14,15 @@ pub fn utc_now() -> [u64; 6] {
     [year, month, day, hour, minute, second]
 }
 
-/// `2026-11-21T12:02:03Z`.
+/// Returns the current time as ISO 8601, e.g. `2026-11-21T12:02:03Z`.
 #[must_use]
 pub fn iso_now() -> String {
     let [year, month, day, hour, minute, second] = utc_now();
     format!("{year:04}-{month:02}-{day:02}T{hour:02}:{minute:02}:{second:02}Z")
 }
 
-/// Year, month and day of a day since 1970-01-01, by counting in eras of 400 years that
-/// begin in March, so that the leap day is the last.
+/// Returns year, month and day of a day number since 1970-01-01. Counts in eras of 400 years that
+/// begin in March, so that the leap day is the last day of its year.
 pub(super) const fn civil(days: u64) -> (u64, u64, u64) {
     let shifted = days + 719_468;
     let (era, day_of_era) = (shifted / 146_097, shifted % 146_097);

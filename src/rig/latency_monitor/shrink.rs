@@ -3,16 +3,16 @@
 use penumbra_calibration::intrinsics::Grey;
 use penumbra_picture::Picture;
 
-/// Small pictures are no longer than this, pixels,
-const LONGEST: usize = 160;
-/// and each of their pixels is the mean of at most so many, squared.
+/// Maximum side of a small picture, pixels.
+const MAX_SIDE: usize = 160;
+/// Maximum number of pixels averaged per cell in x and in y.
 const TAPS: usize = 4;
 
-/// Luma (Rec.601) of a picture, smaller by a whole number: means of a grid of at most
-/// [`TAPS`]² pixels in each cell, so that a large picture costs what a small one does.
+/// Computes the luma (Rec. 601) of a picture, reduced by an integer factor: means of a grid of at
+/// most [`TAPS`]² pixels in each cell, so that the cost is independent of the picture's size.
 pub(super) fn shrink(picture: &Picture, small: &mut Grey) {
     let (width, height) = (picture.width as usize, picture.height as usize);
-    let cell = width.max(height).div_ceil(LONGEST).max(1);
+    let cell = width.max(height).div_ceil(MAX_SIDE).max(1);
     (small.width, small.height) = (width / cell, height / cell);
     small.data.clear();
     let taps = cell.min(TAPS);

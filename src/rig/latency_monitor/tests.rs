@@ -15,14 +15,14 @@ fn picture(width: u32, height: u32, value: impl Fn(u32, u32) -> u8) -> Picture {
 }
 
 #[test]
-fn pictures_shrink_to_the_mean_of_their_cells_and_small_ones_stay() {
+fn shrink_averages_cells_and_keeps_small_pictures() {
     let mut small = none();
     shrink(&picture(640, 480, |x, y| (x / 4 + y / 4) as u8), &mut small);
     assert_eq!((small.width, small.height), (160, 120));
     assert_eq!(small.data.len(), 160 * 120);
     let off = |x: usize, y: usize| small.data[y * 160 + x] - (x + y) as f32;
     assert!(off(0, 0).abs() < 1e-3 && off(120, 100).abs() < 1e-3);
-    // Larger than a whole number of cells: what is left over is left out.
+    // The size is not a multiple of the cell: the remainder is omitted.
     shrink(&picture(1921, 1083, |_, _| 77), &mut small);
     assert_eq!((small.width, small.height), (147, 83));
     assert!(small.data.iter().all(|v| (v - 77.0).abs() < 1e-3));
@@ -74,15 +74,15 @@ fn watch(mode: Mode, apply: bool) -> LatencyMonitor {
 fn both_modes_measure_the_same_latency_and_only_apply_requests_it() {
     let beside =
         || Mode::MonitorThread(MonitorThread::start(Measurement::default(), true).unwrap());
-    let (told, by_thread) = watched(watch(beside(), false));
+    let (reported, by_thread) = watched(watch(beside(), false));
     let (applied, inline) = watched(watch(Mode::SameThread(Box::default()), true));
     assert_eq!(by_thread, inline);
     let measured = inline.offset.unwrap();
     assert!((measured.seconds - 0.035).abs() < 5e-4, "{measured:?}");
-    assert_eq!(told.requested_latency(), None);
-    let wished = applied.requested_latency().unwrap();
-    assert!((wished - 35_000_000).abs() < 500_000, "{wished}");
-    // Of another station nothing is known.
+    assert_eq!(reported.requested_latency(), None);
+    let requested = applied.requested_latency().unwrap();
+    assert!((requested - 35_000_000).abs() < 500_000, "{requested}");
+    // Readings of another station are ignored.
     let mut other = watch(beside(), true);
     other.station = Some(1);
     assert_eq!(watched(other).1.offset, None);
@@ -99,6 +99,6 @@ fn live_monitor_drops_pictures_while_its_thread_is_busy() {
         let at = MonotonicTime::from_nanos(i * 70_000_000);
         live.picture(at, &textured, None);
     }
-    // It ends, whatever was on its way.
+    // The thread ends although messages are pending.
     drop(live);
 }

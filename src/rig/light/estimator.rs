@@ -1,5 +1,5 @@
-//! The light at the scene camera's white point: environment pictures, gains and the
-//! ground's radiance become [`Lighting`].
+//! Estimates [`Lighting`] at the scene camera's white point from environment pictures, white
+//! balance gains and the radiance of the ground.
 
 use crate::error::RigError;
 use crate::light::indirect::IndirectLightUpdater;
@@ -34,15 +34,15 @@ use penumbra_white_balance::reflectance::{
 use penumbra_white_balance::{MatchStatus, WhiteBalanceMatch, WhiteBalanceSettings};
 use std::sync::Arc;
 
-/// Environment pictures from one comparison of the cameras to the next.
+/// Environment sets between two estimates of the gains from the cameras' overlap.
 const OVERLAP_EVERY: u32 = 5;
-/// Pixels between the blocks that are read of surfaces of known reflectance.
+/// Spacing of the sampled blocks on surfaces of known reflectance, pixels.
 const KNOWN_SPACING: u32 = 32;
 
 /// Turns environment pictures into light.
 pub struct LightEstimator {
     estimator: Option<EnvironmentEstimator>,
-    photometry: WhiteBalanceMatch,
+    white_balance: WhiteBalanceMatch,
     ground: GroundRadiance,
     phantoms: PhantomSurfaces,
     rays: Arc<RayCaster>,
@@ -53,7 +53,7 @@ pub struct LightEstimator {
     generation: Option<u64>,
     lighting: Option<Arc<Lighting>>,
     near: IndirectLightUpdater,
-    /// Since the session began.
+    /// Time of the next picture, seconds since the session began.
     seconds: f64,
     since_overlap: u32,
 }
@@ -62,7 +62,7 @@ impl LightEstimator {
     /// Builds the tables of the rig's view and matches the chart, if `files` has one.
     ///
     /// # Errors
-    /// Impossible geometry; a chart picture that cannot be read.
+    /// The geometry of the environment view is invalid, or a chart picture cannot be read.
     pub fn new(setup: &RigSetup, config: &Config, files: &Attachments) -> Result<Self, RigError> {
         let rig = setup.calibration.clone();
         let RealLight {
@@ -71,17 +71,17 @@ impl LightEstimator {
             rays,
         } = RealLight::new(&rig, &setup.scene, config, true)?;
         let same_camera = is_in_scene(&rig);
-        let mut photometry = WhiteBalanceMatch::new(white_balance_settings(config), same_camera);
+        let mut white_balance = WhiteBalanceMatch::new(white_balance_settings(config), same_camera);
         if !same_camera && let Some(chart) = chart_match(&rig, files, config.white_balance.matrix)?
         {
-            photometry.set_chart(chart);
+            white_balance.set_chart(chart);
         }
         if let Some(gains) = rig.gains.filter(|_| !same_camera) {
-            photometry.set_calibrated(gains);
+            white_balance.set_calibrated(gains);
         }
         Ok(Self {
             estimator,
-            photometry,
+            white_balance,
             ground: GroundRadiance::new(&rig, &setup.scene, rays.clone()),
             phantoms,
             rays,
@@ -97,12 +97,11 @@ impl LightEstimator {
         })
     }
 
-    /// The light for a frame: that of the environment set paired with it. A set that was
-    /// read before is not read again.
+    /// Returns the light for a frame, estimated from the environment set paired with it. A set is
+    /// decoded only once.
     ///
     /// # Errors
-    /// A picture that cannot be decoded or does not fit the calibration; the light stays
-    /// as it was.
+    /// A picture cannot be decoded or does not fit the calibration; the light stays as it was.
     pub fn update(
         &mut self,
         set: Option<&EnvironmentSet>,
@@ -178,7 +177,7 @@ impl LightEstimator {
             scene: scene
                 .world_from_camera
                 .map(|pose| (pose, &self.rig.scene_camera.camera)),
-            gains: self.photometry.scene_from_environment().as_mat3(),
+            gains: self.white_balance.scene_from_environment().as_mat3(),
             ground_radiance: match self.unseen {
                 Unseen::SceneCamera => seen,
                 Unseen::Mean => None,
@@ -194,7 +193,8 @@ impl LightEstimator {
         Ok(())
     }
 
-    /// Compares what both cameras see, every few environment pictures.
+    /// Estimates the gains from surfaces that both cameras see, every [`OVERLAP_EVERY`] environment
+    /// sets.
     fn match_cameras(&mut self, set: &EnvironmentSet, scene: &SceneView<'_>) {
         let base = set.frames.iter().position(|f| f.bracket_ev == 0.0);
         let (Some(base), Some(pose), Some(environment)) =
@@ -202,7 +202,7 @@ impl LightEstimator {
         else {
             return;
         };
-        self.photometry
+        self.white_balance
             .set_exposures(scene.exposure, set.frames[base].exposure);
         self.since_overlap += 1;
         if self.since_overlap < OVERLAP_EVERY && self.lighting.is_some() {
@@ -224,7 +224,7 @@ impl LightEstimator {
             vignetting: [self.rig.scene_camera.vignetting, environment.vignetting],
         };
         let pairs = gather_pairs(&overlap, &self.rays, &GatherOptions::default());
-        self.photometry.update_overlap(
+        self.white_balance.update_overlap(
             estimate_overlap(&pairs),
             scene.captured_at,
             set.captured_at,
@@ -232,13 +232,13 @@ impl LightEstimator {
         self.match_surfaces(scene, pose);
     }
 
-    /// The third way: what the measured light makes of surfaces whose reflectance is
-    /// stated; where there are none, of a world that is grey on average.
+    /// Estimates the gains from surfaces of known reflectance under the measured light, and from
+    /// the assumption that the ground is grey on average.
     fn match_surfaces(&mut self, scene: &SceneView<'_>, world_from_camera: RigidTransform) {
         let Some(lighting) = &self.lighting else {
             return;
         };
-        let applied = self.photometry.gains();
+        let applied = self.white_balance.gains();
         let view = reflectance::SceneView {
             photograph: Photograph {
                 picture: scene.picture,
@@ -251,12 +251,12 @@ impl LightEstimator {
         let irradiance = |hit: &Hit| irradiance_past(rays, lighting, hit);
         let known = gather_known(&view, rays, KNOWN_SPACING, irradiance);
         let estimate = estimate_reflectance(&known, &ReflectanceOptions::default());
-        self.photometry
+        self.white_balance
             .update_reflectance(estimate.map(|e| e.after(applied)));
         if let Some(ground) = self.ground.radiance() {
             let measured = irradiance_at(lighting, Vec3::Z, |_| 1.0) / applied;
             let guess = grey_world(ground.as_dvec3(), measured);
-            self.photometry.update_grey_world(guess);
+            self.white_balance.update_grey_world(guess);
         }
     }
 
@@ -278,8 +278,8 @@ impl LightEstimator {
         self.set_phong(phong);
     }
 
-    /// When what is seen next was seen, seconds after the session began: where things are that
-    /// move.
+    /// Sets the time of the next picture, seconds after the session began: it determines the
+    /// positions of moving parts.
     pub const fn set_time(&mut self, seconds: f64) {
         self.seconds = seconds;
     }
@@ -291,7 +291,7 @@ impl LightEstimator {
         }
     }
 
-    /// Changes whether the scene has something of Phong's model.
+    /// Changes whether the scene has materials of Phong's model.
     pub fn set_phong(&mut self, wanted: bool) {
         if let Some(estimator) = &mut self.estimator {
             estimator.set_phong(wanted);
@@ -313,14 +313,14 @@ impl LightEstimator {
         }
     }
 
-    /// Turns that dome with the model whose planes it lights.
+    /// Rotates that dome with the model whose planes it lights.
     pub fn turn_faces(&mut self, world_from_dome: Quat) {
         if let Some(estimator) = &mut self.estimator {
             estimator.rotate_faces(world_from_dome);
         }
     }
 
-    /// The light in force and how it was found, to be shared.
+    /// Returns the current light and its provenance, to be shared.
     #[must_use]
     pub fn state(&self) -> LightState {
         let estimator = self.estimator.as_ref();
@@ -338,16 +338,16 @@ impl LightEstimator {
         }
     }
 
-    /// The light in force.
+    /// The current light.
     #[must_use]
     pub const fn lighting(&self) -> Option<&Arc<Lighting>> {
         self.lighting.as_ref()
     }
 
-    /// The match between the cameras.
+    /// State of the white balance between the cameras.
     #[must_use]
     pub fn match_status(&self) -> MatchStatus {
-        self.photometry.status()
+        self.white_balance.status()
     }
 
     /// The estimator, for previews and placement of lights.
@@ -356,7 +356,7 @@ impl LightEstimator {
     }
 }
 
-/// Where the sphere in this picture is looked for.
+/// Returns the assumed position of the mirrored sphere in this picture.
 fn ball(scene: &SceneView<'_>, rig: &RigCalibration) -> Option<SpherePosition> {
     match (scene.ball, rig.environment.as_ref().map(|e| &e.view)) {
         (SphereAt::Seen(ball), _) => Some(ball),
@@ -395,7 +395,10 @@ fn white_balance_settings(config: &Config) -> WhiteBalanceSettings {
 
 pub(crate) type ChartResult = Result<ChartMatch, ChartError>;
 
-/// What the calibration's pictures of a colour chart say, where it has any.
+/// Matches the calibration's pictures of a colour chart; `None` if it lacks one of them.
+///
+/// # Errors
+/// A chart picture cannot be decoded.
 pub(crate) fn chart_match(
     rig: &RigCalibration,
     files: &Attachments,

@@ -1,9 +1,9 @@
-//! Light from close by, where things move.
+//! Updates the indirect light of scenes with moving parts.
 //!
-//! To find it takes as long as some pictures do. So it is found on a thread of its own, for
-//! where things will be in the middle of the time in which it is shown, and comes into force
-//! [`PERIOD`] after it was begun, waited for if need be: by the session's time alone, so that
-//! a replay is always the same.
+//! Solving for it takes as long as several frames. So it is solved on its own thread, for the
+//! positions of the parts in the middle of the interval in which the result is shown. A result
+//! becomes active [`PERIOD`] after its start, and is waited for if necessary: the instant depends
+//! on the session's time alone, so that replays are identical.
 
 use glam::{DMat4, DVec3};
 use penumbra_interface::threads;
@@ -11,24 +11,24 @@ use penumbra_lighting::Lighting;
 use penumbra_scene::{IndirectLight, IndirectLightSolver, Part, PhantomRadiance, Scene};
 use std::thread::JoinHandle;
 
-/// Seconds from one light to the next.
+/// Time between two solutions, seconds.
 const PERIOD: f64 = 0.5;
 
-/// A part that has gone so far, as a share of the longest edge of the box around all that is
-/// virtual, throws its light elsewhere.
+/// Displacement of a part that requires a new solution, as a share of the longest edge of the
+/// bounding box of all virtual parts.
 const FAR_ENOUGH: f64 = 0.02;
 
-/// See the module.
+/// Indirect light, updated as parts move; see the module.
 pub(crate) struct IndirectLightUpdater {
     near: Option<IndirectLightSolver>,
-    /// The scene and its casters, where something of it moves.
+    /// The scene and its casters, if parts of it move.
     moving: Option<Moving>,
     next: Option<Next>,
 }
 
-/// What is being found.
+/// A solution in progress.
 struct Next {
-    /// Seconds after the session's beginning.
+    /// Start of the solution, seconds after the session began.
     begun: f64,
     finding: JoinHandle<Option<IndirectLightSolver>>,
 }
@@ -36,14 +36,14 @@ struct Next {
 struct Moving {
     scene: Scene,
     casters: Vec<Part>,
-    /// The corners of boxes around the parts that move, their own frames.
+    /// Bounding boxes of the moving parts, in the parts' coordinates.
     boxes: Vec<[DVec3; 2]>,
-    /// Metres.
+    /// Displacement that requires a new solution, metres.
     far_enough: f64,
 }
 
 impl IndirectLightUpdater {
-    /// Of `scene`, where it is at its beginning; `casters` are its virtual parts.
+    /// Creates an updater for `scene` in its initial state; `casters` are its virtual parts.
     pub fn new(scene: &Scene, casters: &[Part]) -> Self {
         Self {
             near: IndirectLightSolver::new(scene, casters),
@@ -52,20 +52,20 @@ impl IndirectLightUpdater {
         }
     }
 
-    /// Goes on where that of the scene before has left off.
+    /// Continues from the state for the previous scene.
     pub fn follow(&mut self, before: &Self) {
         if let (Some(near), Some(before)) = (&mut self.near, &before.near) {
             near.follow(before);
         }
     }
 
-    /// The light at `seconds` after the session's beginning, nearly: see the module.
+    /// Updates the light to `seconds` after the session began, approximately: see the module.
     pub fn update(&mut self, seconds: f64, lighting: &Lighting, phantoms: &PhantomRadiance) {
         let Some(near) = &mut self.near else { return };
         if !near.is_outdated(lighting) {
             return;
         }
-        // Time begins anew with each loop of a recording.
+        // Time starts again with each loop of a recording.
         let due = |next: &mut Next| !(0.0..PERIOD).contains(&(seconds - next.begun));
         if let Some(next) = self.next.take_if(due)
             && let Ok(Some(mut found)) = next.finding.join()
@@ -82,14 +82,14 @@ impl IndirectLightUpdater {
         }
     }
 
-    /// What was found last.
+    /// The latest solution.
     pub fn light(&self) -> Option<&IndirectLight> {
         self.near.as_ref().map(IndirectLightSolver::light)
     }
 }
 
 impl Moving {
-    /// None where nothing moves.
+    /// Returns `None` if no part moves.
     fn new(scene: &Scene, casters: &[Part]) -> Option<Self> {
         let bounds = |part: &Part, place: DMat4| {
             let all = part.mesh.vertices.iter().map(|v| v.position.as_dvec3());
@@ -114,7 +114,7 @@ impl Moving {
         })
     }
 
-    /// Begins to find the light of what comes after `seconds`, if it is another one.
+    /// Starts the solution for the period after `seconds`, if parts have moved far enough.
     fn begin(&mut self, seconds: f64) -> Option<Next> {
         if !self.go_to(seconds + 1.5 * PERIOD) {
             return None;
@@ -122,15 +122,15 @@ impl Moving {
         let (scene, casters) = (self.scene.clone(), self.casters.clone());
         let find = move || IndirectLightSolver::new(&scene, &casters);
         let finding = threads::spawn_background("near light", find);
-        // Where the system has no thread, what was found stays.
+        // If the system cannot start a thread, the latest solution stays.
         finding.ok().map(|finding| Next {
             begun: seconds,
             finding,
         })
     }
 
-    /// Puts everything where it is at `seconds`, if something of it is far enough from where it
-    /// was put last; says whether it is.
+    /// Moves all parts to their positions at `seconds` if a part has moved far enough since the last
+    /// move. Returns whether it did.
     fn go_to(&mut self, seconds: f64) -> bool {
         let mut movers = self.scene.motions.parts.iter().zip(&self.boxes);
         let far = movers.any(|(mover, ends)| {

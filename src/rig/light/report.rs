@@ -1,4 +1,4 @@
-//! What the rig believes about the light of a session: `penumbra light SESSION`.
+//! Reports the light of a session: `penumbra light SESSION`.
 
 use crate::error::RigError;
 use crate::feed::Feed;
@@ -18,11 +18,11 @@ use penumbra_session::Session;
 use penumbra_white_balance::MatchStatus;
 use std::sync::Arc;
 
-/// The light of the first instant at which the whole environment was seen, through the
-/// same stations as in a replay.
+/// Returns the light of the first instant at which the complete environment was seen, estimated as
+/// in a replay.
 ///
 /// # Errors
-/// A broken calibration; a session without any such instant.
+/// The calibration is invalid, a picture cannot be read, or the session has no such instant.
 pub fn light_of_session(session: &Session, config: &Config) -> Result<LightReport, RigError> {
     let source = Source::Recorded(session.clone());
     let setup = RigSetup::read(&source, config)?;
@@ -54,7 +54,7 @@ pub fn light_of_session(session: &Session, config: &Config) -> Result<LightRepor
     Err(none())
 }
 
-/// `None` if the rig has no view of the environment.
+/// Creates the report; `None` if the rig has no view of the environment.
 fn belief(
     setup: &RigSetup,
     station: &mut LightEstimator,
@@ -71,7 +71,7 @@ fn belief(
     Ok(Some(report))
 }
 
-/// What brings the environment camera's linear values to the scene camera's.
+/// Returns the matrix from the environment camera's linear values to the scene camera's.
 fn gains(status: &MatchStatus) -> Mat3 {
     let diagonal = DMat3::from_diagonal(DVec3::from(status.gains));
     let matrix = status

@@ -1,5 +1,5 @@
-//! What the light's station keeps of the scene: made anew, beside the frame path, when the
-//! scene is changed.
+//! Tables that the light estimator derives from the scene. They are rebuilt off the frame path when
+//! the scene changes.
 
 use crate::error::RigError;
 use crate::light::indirect::IndirectLightUpdater;
@@ -13,16 +13,16 @@ use penumbra_scene::raycast::GROUND;
 use penumbra_scene::{Part, RayCaster, Scene};
 use std::sync::Arc;
 
-/// What depends on real things alone.
+/// Tables that depend on the real scene alone.
 pub(crate) struct RealLight {
-    /// None where the one in use stays as it is.
+    /// `None` if the current estimator stays in use.
     pub estimator: Option<EnvironmentEstimator>,
     pub phantoms: PhantomSurfaces,
     pub rays: Arc<RayCaster>,
 }
 
 impl RealLight {
-    /// Of `scene`; the estimator, whose tables take longest, where it is `wanted`.
+    /// Creates the tables for `scene`; the estimator, which takes longest, only if `wanted`.
     pub fn new(
         rig: &RigCalibration,
         scene: &Scene,
@@ -39,18 +39,18 @@ impl RealLight {
     }
 }
 
-/// What depends on the whole scene.
+/// Tables that depend on the entire scene.
 pub(crate) struct SceneLight {
     pub near: IndirectLightUpdater,
     pub ground: GroundRadiance,
-    /// Whether anything wants Phong's lobes.
+    /// Whether a material needs Phong's lobes.
     pub phong: bool,
-    /// None where real things are what they were.
+    /// `None` if the real scene has not changed.
     pub real: Option<RealLight>,
 }
 
 impl SceneLight {
-    /// Of `scene`, which takes the place of `before`; `casters` are its virtual parts.
+    /// Creates the tables for `scene`, which replaces `before`; `casters` are its virtual parts.
     pub fn new(
         rig: &RigCalibration,
         config: &Config,
@@ -60,8 +60,14 @@ impl SceneLight {
         let other_ground = before.ground_height != scene.ground_height;
         let same = !other_ground
             && penumbra_scene::change::same_parts(&before.phantom_parts, &scene.phantom_parts);
-        let real =
-            (!same).then(|| RealLight::new(rig, scene, config, other_ground || stands_among(rig)));
+        let real = (!same).then(|| {
+            RealLight::new(
+                rig,
+                scene,
+                config,
+                other_ground || phantoms_may_occlude(rig),
+            )
+        });
         let real = real.transpose()?;
         let rays = match &real {
             Some(real) => real.rays.clone(),
@@ -77,7 +83,7 @@ impl SceneLight {
 }
 
 impl SceneLight {
-    /// In place of an `older` one that nobody has taken.
+    /// Merges with an `older` change that was not applied.
     pub fn over(mut self, older: Self) -> Self {
         self.real = match (self.real, older.real) {
             (Some(mut new), Some(old)) => {
@@ -90,13 +96,13 @@ impl SceneLight {
     }
 }
 
-/// Whether phantoms may hide the environment from its camera.
-fn stands_among(rig: &RigCalibration) -> bool {
+/// Returns whether phantoms may occlude the environment camera's view.
+fn phantoms_may_occlude(rig: &RigCalibration) -> bool {
     let view = rig.environment.as_ref().map(|e| &e.view);
     matches!(view, Some(EnvironmentView::Fisheye { .. }))
 }
 
-/// A real thing other than the ground and the mirror itself ends the ray.
+/// Returns whether a real object other than the ground or the mirror occludes the ray.
 pub(crate) fn hides(rays: &RayCaster, origin: DVec3, direction: DVec3) -> bool {
     rays.nearest(origin, direction)
         .is_some_and(|hit| !hit.mirror && hit.surface != GROUND)
@@ -128,7 +134,7 @@ fn estimator(
     };
     let hidden = |o: DVec3, d: DVec3| hides(rays, o, d);
     let hidden: Option<&penumbra_lighting::resample::Hidden<'_>> = match environment.view {
-        // The camera stands among the phantoms; what they hide is not the environment.
+        // The camera is among the phantoms; directions that they occlude are not the environment.
         EnvironmentView::Fisheye { .. } => Some(&hidden),
         _ => None,
     };

@@ -1,12 +1,11 @@
-//! Which light a picture is drawn in, and where its own is worked out.
+//! Selects the light in which each frame is composed and schedules light estimates.
 //!
-//! A recording that no rig has composed has time: each picture waits for its own light. In a
-//! live rig nothing waits but the very first: light is worked out on a thread of its own at
-//! low priority, one picture at a time, and a picture is drawn in the newest light
-//! that is finished when it is decoded. The light has a memory, so the journal says which
-//! pictures it saw and when its findings came into force, and a replay does it again: the
-//! same pictures in the same order, each light held back until the picture that was first
-//! drawn in it.
+//! Without a journal each frame of a recording waits for its own light. In a live rig only the
+//! first frame waits: light is estimated on a low-priority thread, one frame at a time, and a
+//! frame is composed in the newest light that is finished when its picture has been decoded. The
+//! estimate depends on earlier frames, so the journal records which frames it used and when each
+//! result became active. A replay repeats this: it estimates light from the same frames in the
+//! same order and holds each result back until the frame that was first composed in it.
 
 use crate::error::RigError;
 use crate::journal::JournalEntry;
@@ -16,19 +15,19 @@ use penumbra_interface::MonotonicTime;
 use penumbra_picture::Picture;
 use penumbra_session::LightRecord;
 
-/// The light in force, and the way to the next.
+/// Holds the active light and schedules the next estimates.
 pub(crate) struct LightScheduler {
     way: Mode,
     force: ActiveLight,
 }
 
-/// When light comes into force.
+/// When a light estimate becomes active.
 enum Mode {
-    /// Each picture waits for its own.
+    /// Each frame waits for its own light.
     Own(Box<LightUpdater>),
-    /// Live: when it is finished.
+    /// Live: as soon as it is finished.
     LightWorker(LightWorker),
-    /// A replay of a live rig: when it did live.
+    /// Replay of a live rig: at the frame at which it became active live.
     AsNoted {
         lighter: Box<LightUpdater>,
         held: Option<LightResult>,
@@ -36,13 +35,13 @@ enum Mode {
 }
 
 impl LightScheduler {
-    /// Each picture waits for its own light.
+    /// Creates a scheduler in which each frame waits for its own light.
     pub fn own(lighter: LightUpdater) -> Self {
         Self::by(Mode::Own(Box::new(lighter)))
     }
 
-    /// Light comes into force as a live rig's journal says, if there is one; else each
-    /// picture is drawn in the light of the one before.
+    /// Creates a scheduler for a replay: light becomes active as recorded in the live rig's
+    /// journal. Without light notes each frame is composed in the light of the frame before.
     pub fn as_noted(lighter: LightUpdater) -> Self {
         Self::by(Mode::AsNoted {
             lighter: Box::new(lighter),
@@ -50,10 +49,10 @@ impl LightScheduler {
         })
     }
 
-    /// On a thread of its own.
+    /// Creates a scheduler for a live rig, with light estimates on their own thread.
     ///
     /// # Errors
-    /// No thread to be had.
+    /// The system cannot start a thread.
     pub fn beside(lighter: LightUpdater) -> Result<Self, RigError> {
         Ok(Self::by(Mode::LightWorker(LightWorker::start(lighter)?)))
     }
@@ -65,8 +64,8 @@ impl LightScheduler {
         }
     }
 
-    /// Sees to the light of a decoded picture. What is to be noted of it, where somebody may
-    /// replay it; then comes [`Self::in_force`].
+    /// Schedules the light estimate of a decoded picture and returns the note for the journal of a
+    /// live rig. Call [`Self::in_force`] afterwards.
     pub fn see(
         &mut self,
         seen: &LightRequest,
@@ -87,7 +86,8 @@ impl LightScheduler {
         }
     }
 
-    /// The light that the picture which was seen last is drawn in. Waits for the first.
+    /// Returns the light in which the frame of the last [`Self::see`] is composed. Waits for the
+    /// first estimate.
     pub fn in_force(&mut self) -> &mut ActiveLight {
         if let Mode::LightWorker(beside) = &mut self.way
             && self.force.is_dark()
@@ -98,7 +98,7 @@ impl LightScheduler {
     }
 }
 
-/// What the live rig did with the picture of this arrival.
+/// Repeats what the live rig did with the frame that arrived at `arrived_at`.
 fn see_as_noted(
     force: &mut ActiveLight,
     held: &mut Option<LightResult>,

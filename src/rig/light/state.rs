@@ -11,27 +11,27 @@ use penumbra_white_balance::MatchStatus;
 use std::sync::Arc;
 use std::time::Duration;
 
-/// What the light is worked out from, beside the scene camera's pixels.
+/// Inputs of a light estimate besides the scene camera's pixels.
 #[derive(Clone)]
 pub(crate) struct LightRequest {
     /// Arrival of the scene camera's picture.
     pub arrived_at: MonotonicTime,
     /// Middle of its exposure.
     pub captured_at: MonotonicTime,
-    /// The same, seconds after the session began.
+    /// Middle of its exposure, seconds after the session began.
     pub seconds: f64,
-    /// As the camera reports it.
+    /// Exposure as reported by the camera.
     pub exposure: Option<Exposure>,
-    /// Its pose, if it is known.
+    /// Pose of the scene camera, if it is known.
     pub world_from_camera: Option<RigidTransform>,
-    /// Where the mirrored sphere is.
+    /// Position of the mirrored sphere.
     pub ball: SphereAt,
-    /// The environment, as it was a little before.
+    /// The environment set paired with the picture.
     pub environment: Option<Arc<EnvironmentSet>>,
 }
 
 impl LightRequest {
-    /// Of a paired picture; its pose may have been refused.
+    /// Creates the request of a paired picture; its pose may have been rejected.
     pub fn new(frame: &RigFrame, seconds: f64, world_from_camera: Option<RigidTransform>) -> Self {
         Self {
             arrived_at: frame.scene.arrived_at,
@@ -45,39 +45,39 @@ impl LightRequest {
     }
 }
 
-/// A picture's light, worked out.
+/// The result of a light estimate.
 pub(crate) struct LightResult {
     /// Arrival of the picture.
     pub of: MonotonicTime,
-    /// The light, if it is another than before.
+    /// The light, if it has changed.
     pub state: Option<LightState>,
-    /// How long it took.
+    /// Duration of the estimate.
     pub took: Duration,
-    /// An environment picture that could not be read, and why.
+    /// Why an environment picture could not be read.
     pub unseen: Option<String>,
-    /// A new preview of the environment, now and then.
+    /// A new preview of the environment, if one was due.
     pub preview: Option<Arc<Picture>>,
 }
 
-/// The light in force and how it was found. Shared: it changes less often than frames.
+/// Light and its provenance. Shared, because it changes less often than frames.
 #[derive(Clone, Default)]
 pub struct LightState {
-    /// The light far away.
+    /// Light of the distant environment.
     pub lighting: Option<Arc<Lighting>>,
-    /// The light close by.
+    /// Indirect light: light that virtual objects reflect onto the scene and each other.
     pub near: Option<Arc<IndirectLight>>,
-    /// The match between the cameras.
+    /// State of the white balance between the cameras.
     pub white_balance: Option<Arc<MatchStatus>>,
     /// Compact sources found.
     pub sources: Arc<Vec<CompactSource>>,
-    /// Share of the sphere that every exposure clips.
+    /// Share of the sphere of directions that is clipped in every exposure.
     pub clipped: f32,
-    /// What a mirrored sphere in the scene camera's picture has shown, where there is one.
+    /// Observations of a mirrored sphere in the scene camera's picture, if there is one.
     pub probe: Option<ProbeMap>,
 }
 
 impl LightState {
-    /// Dome lights, and those of compact sources among them.
+    /// Returns the number of dome lights and, of these, the number of compact sources.
     #[must_use]
     pub fn count(&self) -> (u32, u32) {
         let lights = self.lighting.as_ref().map_or(&[][..], |l| &l.lights);
@@ -86,22 +86,23 @@ impl LightState {
     }
 }
 
-/// The light in force.
+/// The light in which frames are composed.
 #[derive(Default)]
 pub(crate) struct ActiveLight {
-    /// It.
+    /// The light.
     pub state: LightState,
-    /// Arrival of the picture that it is of.
+    /// Arrival of the picture from which it was estimated.
     pub of: Option<MonotonicTime>,
-    /// How long it took.
+    /// Duration of the estimate.
     pub took: Duration,
-    /// What was wrong with its environment picture, to be told once.
+    /// Why an environment picture could not be read; reported once.
     pub unseen: Option<String>,
-    /// A new preview of the environment, to be shown once.
+    /// A new preview of the environment; published once.
     pub preview: Option<Arc<Picture>>,
 }
 
 impl ActiveLight {
+    /// Activates a result.
     pub fn enter(&mut self, worked_out: LightResult) {
         self.of = Some(worked_out.of);
         self.took = worked_out.took;
@@ -112,7 +113,7 @@ impl ActiveLight {
         self.preview = worked_out.preview.or(self.preview.take());
     }
 
-    /// Without any light there is nothing to show meanwhile.
+    /// Whether there is no light yet.
     pub const fn is_dark(&self) -> bool {
         self.state.lighting.is_none()
     }

@@ -1,4 +1,5 @@
-//! What the scene camera's picture tells of the real surfaces around the virtual objects.
+//! Measures the radiance of the real surfaces around the virtual objects in the scene camera's
+//! picture.
 
 use crate::light::view::SceneView;
 use glam::{DVec2, Vec3};
@@ -14,8 +15,8 @@ use penumbra_scene::{Part, RayCaster, Scene};
 use std::f32::consts::PI;
 use std::sync::Arc;
 
-/// Watches the radiance of the ground around the virtual objects in the scene camera's
-/// picture: what the lower hemisphere holds, where the environment camera looks up.
+/// Measures the radiance of the ground around the virtual objects in the scene camera's picture.
+/// It fills the lower hemisphere if the environment camera faces upwards.
 pub(crate) struct GroundRadiance {
     points: Vec<Vec3>,
     rays: Arc<RayCaster>,
@@ -25,13 +26,13 @@ pub(crate) struct GroundRadiance {
     radiance: Option<Vec3>,
 }
 
-/// Points looked at along a side of the square around the objects.
+/// Sample points along a side of the square around the objects.
 const GROUND_POINTS: usize = 24;
-/// Share of a new look in the running mean.
+/// Weight of a new observation in the exponential moving average.
 const GROUND_SHARE: f32 = 0.1;
 
-/// How bright the scene camera shows a pixel, 1 in the centre.
-fn evenness(vignetting: Option<Vignetting>, pixel: DVec2) -> f32 {
+/// Returns the vignetting factor of a pixel, 1 at the centre.
+fn vignetting_at(vignetting: Option<Vignetting>, pixel: DVec2) -> f32 {
     vignetting.map_or(1.0, |v| v.at(pixel) as f32)
 }
 
@@ -52,7 +53,7 @@ impl GroundRadiance {
         }
     }
 
-    /// Goes on with what `before` has seen.
+    /// Continues from the measurement of `before`.
     pub(crate) fn follow(&mut self, before: &Self) {
         self.radiance = before.radiance;
     }
@@ -97,7 +98,7 @@ impl GroundRadiance {
                 .is_none_or(|hit| hit.distance > 0.999);
         clear.then(|| {
             let codes = picture.rgb(x as u32, y as u32);
-            Vec3::from(self.response.linear_from_rgb(codes)) / evenness(self.vignetting, pixel)
+            Vec3::from(self.response.linear_from_rgb(codes)) / vignetting_at(self.vignetting, pixel)
         })
     }
 
@@ -106,7 +107,7 @@ impl GroundRadiance {
     }
 }
 
-/// A grid on the ground, three times as wide as the virtual objects.
+/// Returns a grid of points on the ground, three times as wide as the virtual objects.
 fn points_around(scene: &Scene, height: f32) -> Vec<Vec3> {
     let (mut low, mut high) = (Vec3::splat(f32::MAX), Vec3::splat(f32::MIN));
     for part in &scene.virtual_parts {
@@ -134,24 +135,24 @@ fn points_around(scene: &Scene, height: f32) -> Vec<Vec3> {
         .collect()
 }
 
-/// Watches the radiance of the phantoms' sides.
+/// Measures the radiance of the phantoms' sides.
 pub(crate) struct PhantomSurfaces {
     rays: RayCaster,
     camera: PinholeCamera,
     response: Response,
     vignetting: Option<Vignetting>,
-    /// By part and side: mean radiance and how much was seen.
+    /// Mean radiance and weight of each side of each part.
     seen: Vec<[(Vec3, f32); 6]>,
     parts: Vec<Part>,
     radiance: Vec<[Vec3; 6]>,
 }
 
-/// Pixels between the points looked at, each way.
+/// Spacing of the sampled pixels in x and y.
 const SPACING: u32 = 16;
-/// Points that are enough for a mean.
-const ENOUGH: f32 = 4.0;
-/// Reflectance of a phantom that was never seen and whose owner states none.
-const USUAL_ALBEDO: f32 = 0.3;
+/// Minimum weight of a mean to be used.
+const MIN_WEIGHT: f32 = 4.0;
+/// Default albedo of a phantom that was never observed and has none in the scene file.
+const DEFAULT_ALBEDO: f32 = 0.3;
 
 impl PhantomSurfaces {
     pub(crate) fn new(rig: &RigCalibration, scene: &Scene) -> Self {
@@ -184,7 +185,7 @@ impl PhantomSurfaces {
                 if let Some(hit) = self.rays.nearest(pose.translation, ray) {
                     let codes = scene.picture.rgb(x, y);
                     let colour = Vec3::from(self.response.linear_from_rgb(codes))
-                        / evenness(self.vignetting, pixel);
+                        / vignetting_at(self.vignetting, pixel);
                     let side = side_of(hit.shading_normal.as_vec3());
                     self.note(hit.surface as usize, side, colour);
                 }
@@ -192,7 +193,7 @@ impl PhantomSurfaces {
         }
     }
 
-    /// Mean of all sides that were seen but mirrors'.
+    /// Returns the mean radiance of all observed sides; mirrors are excluded.
     pub(crate) fn mean(&self) -> Option<Vec3> {
         let parts = self
             .parts
@@ -201,28 +202,28 @@ impl PhantomSurfaces {
             .filter(|(part, _)| !part.mirror);
         let sides = parts
             .flat_map(|(_, sides)| sides)
-            .filter(|(_, weight)| *weight >= ENOUGH);
+            .filter(|(_, weight)| *weight >= MIN_WEIGHT);
         let (sum, count) = sides.fold((Vec3::ZERO, 0.0), |(s, n), (mean, _)| (s + *mean, n + 1.0));
         (count > 0.0).then(|| sum / count)
     }
 
-    /// A running mean whose memory is a few pictures long.
+    /// Adds an observation to the running mean of a side; the window is 200 observations.
     fn note(&mut self, part: usize, side: u32, colour: Vec3) {
         let (mean, weight) = &mut self.seen[part][side as usize];
         *weight = (*weight + 1.0).min(200.0);
         *mean += (colour - *mean) / *weight;
     }
 
-    /// Radiance of all sides under `lighting`: as seen, or, for the others, what the part's
-    /// colour makes of the light that falls there.
+    /// Returns the radiance of all sides: as measured, or, for sides that were not observed, the
+    /// albedo of the part times the irradiance of `lighting` over π.
     pub(crate) fn radiance(&mut self, lighting: &Lighting) -> &PhantomRadiance {
         let irradiance = AXES.map(|n| irradiance(lighting, n));
         for ((part, seen), radiance) in self.parts.iter().zip(&self.seen).zip(&mut self.radiance) {
             let albedo = albedo(part, seen, &irradiance);
             for (side, out) in radiance.iter_mut().enumerate() {
                 let (mean, weight) = seen[side];
-                // A mirror looks different from everywhere.
-                let known = weight >= ENOUGH && !part.mirror;
+                // The radiance of a mirror depends on the viewing direction.
+                let known = weight >= MIN_WEIGHT && !part.mirror;
                 *out = if known {
                     mean
                 } else {
@@ -234,14 +235,14 @@ impl PhantomSurfaces {
     }
 }
 
-/// Diffuse reflectance by the sides in sight.
+/// Returns the albedo of a part: as stated, or estimated from the observed sides.
 fn albedo(part: &Part, seen: &[(Vec3, f32); 6], irradiance: &[Vec3; 6]) -> Vec3 {
     if part.mirror {
         return Vec3::ONE;
     }
     let (mut sum, mut count) = (Vec3::ZERO, 0.0);
     for ((mean, weight), arriving) in seen.iter().zip(irradiance) {
-        if *weight >= ENOUGH && arriving.min_element() > 0.0 {
+        if *weight >= MIN_WEIGHT && arriving.min_element() > 0.0 {
             sum += (*mean * PI / *arriving).clamp(Vec3::ZERO, Vec3::ONE);
             count += 1.0;
         }
@@ -249,11 +250,11 @@ fn albedo(part: &Part, seen: &[(Vec3, f32); 6], irradiance: &[Vec3; 6]) -> Vec3 
     match part.albedo {
         Some(albedo) => albedo,
         None if count > 0.0 => sum / count,
-        None => Vec3::splat(USUAL_ALBEDO),
+        None => Vec3::splat(DEFAULT_ALBEDO),
     }
 }
 
-/// All light on a surface in the open, facing `n`.
+/// Returns the irradiance of an unoccluded surface with normal `n`.
 fn irradiance(lighting: &Lighting, n: Vec3) -> Vec3 {
     let compact = lighting
         .lights

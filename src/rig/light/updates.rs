@@ -4,7 +4,7 @@ use crate::light::scene_tables::SceneLight;
 use glam::Quat;
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// What the light has to know of a changed scene: the newest that nobody has taken yet.
+/// The newest scene change that the light worker has not applied yet.
 #[derive(Clone, Default)]
 pub(crate) struct SceneUpdates(Arc<Mutex<SceneChange>>);
 
@@ -15,7 +15,7 @@ pub(crate) struct SceneChange {
 }
 
 impl SceneUpdates {
-    /// Another scene is shown.
+    /// Reports that another scene is shown.
     pub fn tell_scene(&self, scene: SceneLight) {
         self.change(|news| {
             let scene = match news.scene.take() {
@@ -26,7 +26,7 @@ impl SceneUpdates {
         });
     }
 
-    /// The model and with it the dome of the planes' lights were turned.
+    /// Reports that the model, and with it the dome of the planes' lights, was rotated.
     pub fn tell_turn(&self, world_from_dome: Quat) {
         self.change(|news| news.turn = Some(world_from_dome));
     }

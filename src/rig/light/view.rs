@@ -4,27 +4,28 @@ use penumbra_interface::{Exposure, MonotonicTime, RigidTransform};
 use penumbra_lighting::SpherePosition;
 use penumbra_picture::Picture;
 
-/// Where a mirrored sphere in the scene camera's picture is.
+/// Position of a mirrored sphere in the scene camera's picture.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum SphereAt {
-    /// Where the calibration says.
+    /// As calibrated.
     Calibrated,
-    /// There.
+    /// As observed in this picture.
     Seen(SpherePosition),
-    /// Carried about, and its marker is not seen: this picture shows no light.
+    /// Unknown: the sphere is movable and its marker is not visible, so this picture gives no
+    /// light.
     Lost,
 }
 
-/// What the scene camera saw at the instant that needs light.
+/// The scene camera's picture and state at the instant whose light is estimated.
 pub struct SceneView<'a> {
     /// Its picture.
     pub picture: &'a Picture,
-    /// Its pose, if it is known.
+    /// Pose of the camera, if it is known.
     pub world_from_camera: Option<RigidTransform>,
-    /// Where the mirrored sphere is, where the rig has one in its picture.
+    /// Position of the mirrored sphere, if the rig has one in the picture.
     pub ball: SphereAt,
     /// Middle of its exposure.
     pub captured_at: MonotonicTime,
-    /// As the camera reports it.
+    /// Exposure as reported by the camera.
     pub exposure: Option<Exposure>,
 }

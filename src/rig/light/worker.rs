@@ -1,5 +1,5 @@
-//! What a picture of the scene camera and the environment's beside it make of the light,
-//! on whichever thread that happens.
+//! Estimates light from a picture of the scene camera and the environment pictures paired with
+//! it: [`LightUpdater`] on the calling thread, [`LightWorker`] on its own thread.
 
 use crate::error::RigError;
 use crate::light::state::{ActiveLight, LightRequest, LightResult};
@@ -18,16 +18,16 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 use tokio::sync::watch;
 
-/// Rows of the environment's preview.
+/// Height of the environment preview, pixels.
 const PREVIEW_ROWS: u32 = 128;
 /// Time between two previews.
 const PREVIEW_EVERY: Duration = Duration::from_secs(1);
 
-/// Works out light as the dashboard wishes it.
+/// Estimates light with the settings and the scene that were requested last.
 pub(crate) struct LightUpdater {
     light: LightEstimator,
     wished: watch::Receiver<Settings>,
-    /// Of the geodesic dome, where planes are the technique.
+    /// Frequency of the geodesic dome, for the technique of shadowing planes.
     frequency: u32,
     technique: Technique,
     news: SceneUpdates,
@@ -37,7 +37,8 @@ pub(crate) struct LightUpdater {
 }
 
 impl LightUpdater {
-    /// `technique` is what the rig begins with; `frequency` that of the geodesic dome.
+    /// Creates an updater. `technique` is the initial technique, `frequency` that of the geodesic
+    /// dome.
     pub fn new(
         light: LightEstimator,
         wished: watch::Receiver<Settings>,
@@ -59,8 +60,8 @@ impl LightUpdater {
         lighter
     }
 
-    /// The light of a picture. An environment picture that cannot be read leaves it as it
-    /// was.
+    /// Estimates the light of a picture. If an environment picture cannot be read, the light stays
+    /// as it was.
     pub fn work_out(&mut self, seen: &LightRequest, picture: &Picture) -> LightResult {
         let begun = Instant::now();
         self.take_scene();
@@ -98,14 +99,15 @@ impl LightUpdater {
         self.choose();
     }
 
-    /// Shadowing planes want the faces of a geodesic dome lit, turned with their model.
+    /// Selects the lights of the technique: shadowing planes are lit by the faces of a geodesic
+    /// dome that rotates with their model.
     fn choose(&mut self) {
         let wanted = self.technique == Technique::ShadowingPlanes;
         self.light.set_faces(wanted.then_some(self.frequency));
         self.light.turn_faces(self.turn);
     }
 
-    /// Another scene, or another place of its model.
+    /// Applies a changed scene or a rotation of its model.
     fn take_scene(&mut self) {
         let Some(change) = self.news.take() else {
             return;
@@ -113,7 +115,7 @@ impl LightUpdater {
         if let Some(scene) = change.scene {
             self.light.take_scene(*scene);
             self.generation = None;
-            // A new estimator does not know what is wished.
+            // A new estimator lacks the requested settings.
             self.wished.mark_changed();
         }
         if let Some(turn) = change.turn {
@@ -135,17 +137,17 @@ impl LightUpdater {
     }
 }
 
-/// A picture on its way to the light and back: its memory is used again.
+/// A request with a copy of its picture. The worker returns it, so the buffer is recycled.
 pub(crate) struct LightJob {
     pub(super) seen: LightRequest,
     pub(super) picture: Picture,
 }
 
-/// The thread that works out light, and the way to it. Dropping it ends the thread.
+/// The thread that estimates light, with its channels. Dropping it ends the thread.
 pub(crate) struct LightWorker {
     pub(super) errands: Option<Sender<LightJob>>,
     pub(super) finished: Receiver<(LightResult, LightJob)>,
-    /// The thread has nothing to do.
+    /// Whether the thread has no job.
     pub(super) idle: bool,
     pub(super) spare: Picture,
     pub(super) thread: Option<JoinHandle<()>>,
@@ -173,8 +175,7 @@ impl LightWorker {
         })
     }
 
-    /// Puts into force what is finished, and hands over this picture if nothing is under
-    /// way.
+    /// Activates a finished estimate, and sends this picture to the thread if the thread is idle.
     pub fn see(
         &mut self,
         force: &mut ActiveLight,
@@ -185,7 +186,7 @@ impl LightWorker {
             self.take(force, finished);
         }
         let sees = self.idle && self.hand_over(seen, picture);
-        // The first light is waited for.
+        // The frame loop waits for the first light.
         let lit_by = if sees && force.is_dark() {
             Some(seen.arrived_at)
         } else {

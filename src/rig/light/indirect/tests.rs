@@ -8,7 +8,7 @@ use penumbra_scene::{Material, Motion, Mover, casters, primitives};
 use std::sync::Arc;
 use std::time::Instant;
 
-/// A red box that goes 0.4 m along x in a second.
+/// A red box that moves along x at 0.4 m/s.
 fn scene() -> Scene {
     let red = Material {
         base_colour: Vec3::X.extend(1.0),
@@ -60,7 +60,7 @@ fn lighting(generation: u64) -> Lighting {
 }
 
 #[test]
-fn what_moves_throws_its_light_where_it_is_while_the_light_is_shown() {
+fn indirect_light_follows_a_moving_part() {
     let none: &PhantomRadiance = &[];
     let scene = scene();
     let mut station = IndirectLightUpdater::new(&scene, &casters(&scene));
@@ -72,7 +72,7 @@ fn what_moves_throws_its_light_where_it_is_while_the_light_is_shown() {
         station.update(seconds, &lighting(2 + i as u64), none);
         assert_eq!(low(&station), first, "{seconds} s");
     }
-    // What was begun at 0 is shown from 0.5 to 1 s, and was found for 0.75 s.
+    // The solution started at 0 s is shown from 0.5 to 1 s and was solved for 0.75 s.
     station.update(0.5, &lighting(5), none);
     eprintln!("found in {:.0} ms", begun.elapsed().as_secs_f64() * 1e3);
     let moved = station.light().unwrap();
@@ -87,18 +87,18 @@ fn what_moves_throws_its_light_where_it_is_while_the_light_is_shown() {
     let sum = |light: &IndirectLight| light.change.ground.iter().copied().sum::<Vec3>();
     let (a, b) = (sum(moved), sum(placed.light().unwrap()));
     assert!(a.distance(b) < 0.01 * b.length(), "{a} {b}");
-    // Time begins anew.
+    // Time starts again.
     station.update(0.0, &lighting(6), none);
     station.update(0.5, &lighting(7), none);
     assert!((low(&station) - first - 0.3).abs() < 1e-6);
 }
 
 #[test]
-fn what_rests_is_found_once() {
+fn indirect_light_of_parts_at_rest_is_solved_once() {
     let none: &PhantomRadiance = &[];
     let scene = scene();
     let mut station = IndirectLightUpdater::new(&scene, &casters(&scene));
-    // After a second it has come to its end.
+    // The motion ends after one second.
     station.update(2.0, &lighting(1), none);
     station.update(2.5, &lighting(2), none);
     assert!(station.next.is_none());

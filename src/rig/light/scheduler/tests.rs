@@ -20,7 +20,7 @@ fn at(number: i64) -> MonotonicTime {
     MonotonicTime::from_nanos(number * 33_000_000)
 }
 
-/// Light that is told apart by the picture that it is of.
+/// Returns light that is identified by the number of its frame.
 fn light_of(number: i64) -> LightResult {
     let lighting = Lighting {
         captured_at: at(number),
@@ -59,8 +59,8 @@ fn composed(seen: bool, lit_by: i64) -> JournalEntry {
     }))
 }
 
-/// Plays notes, one for each picture from `first` on: pictures worked out, and the light
-/// that each was drawn in.
+/// Replays notes, one for each frame from `first` on. Returns the frames whose light was estimated
+/// and, for each frame, the number of the light in which it was composed.
 fn replay(first: i64, notes: &[JournalEntry]) -> (Vec<i64>, Vec<Option<i64>>) {
     let (mut force, mut held) = (ActiveLight::default(), None);
     let (mut worked_out, mut lit) = (Vec::new(), Vec::new());
@@ -75,7 +75,7 @@ fn replay(first: i64, notes: &[JournalEntry]) -> (Vec<i64>, Vec<Option<i64>>) {
 }
 
 #[test]
-fn a_replay_holds_light_back_until_the_picture_that_the_journal_names() {
+fn replay_holds_light_back_until_the_frame_noted_in_the_journal() {
     let notes = [
         composed(true, 0),
         composed(true, 0),
@@ -90,7 +90,7 @@ fn a_replay_holds_light_back_until_the_picture_that_the_journal_names() {
 }
 
 #[test]
-fn older_journals_mean_the_light_of_the_picture_composed_before() {
+fn journals_without_light_notes_use_the_light_of_the_frame_composed_before() {
     let notes = [
         JournalEntry::Composed(None),
         JournalEntry::Composed(None),
@@ -103,9 +103,9 @@ fn older_journals_mean_the_light_of_the_picture_composed_before() {
     assert_eq!(lit, [0, 0, 0, 1, 3].map(Some));
 }
 
-/// The light in force when the recording began is not in it.
+/// The recording lacks the light that was active when it began.
 #[test]
-fn a_recording_of_a_running_rig_falls_into_step() {
+fn recording_of_a_running_rig_synchronises_with_its_journal() {
     let notes = [
         composed(false, 7),
         composed(true, 7),
@@ -118,7 +118,7 @@ fn a_recording_of_a_running_rig_falls_into_step() {
     assert_eq!(lit, [None, Some(11), Some(11), Some(11), Some(13)]);
 }
 
-/// A rig of one camera: the light's thread has something to do and finds no light.
+/// Returns a light updater for a rig without an environment camera, so its estimates find no light.
 fn lighter() -> (LightUpdater, watch::Sender<Settings>) {
     let setup = RigSetup {
         pose: penumbra_config::PoseSource::Tracker,
@@ -162,7 +162,7 @@ fn picture() -> Picture {
 }
 
 #[test]
-fn in_the_dark_each_picture_waits_and_is_its_own_light() {
+fn frames_wait_for_their_own_light_until_one_is_found() {
     let (lighter, _wishes) = lighter();
     let mut lights = LightScheduler::beside(lighter).unwrap();
     for number in 0..3 {
@@ -177,7 +177,7 @@ fn in_the_dark_each_picture_waits_and_is_its_own_light() {
 }
 
 #[test]
-fn with_light_nothing_waits_and_one_picture_at_a_time_is_seen() {
+fn active_light_lets_frames_pass_with_one_estimate_at_a_time() {
     let (errands, waiting) = bounded(1);
     let (done, finished) = bounded(1);
     let mut beside = LightWorker {
@@ -203,7 +203,7 @@ fn with_light_nothing_waits_and_one_picture_at_a_time_is_seen() {
     assert_eq!(see(3), note(true, 1));
     assert_eq!(see(4), note(false, 1));
     assert!(begun.elapsed() < Duration::from_secs(5));
-    // The thread is gone: the light stays.
+    // The thread has ended; the light stays active.
     drop((waiting, done));
     assert_eq!(see(5), note(false, 1));
     assert_eq!(shown(&force), Some(1));
