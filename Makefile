@@ -49,8 +49,8 @@ docs: toolchain ## The book: target/book/index.html
 	@$(UNPACKED) .ci/book
 
 docs-write: ## Rewrite the generated pages of the book: configuration, command line, status API
-	@UPDATE_DOCS=1 $(UNPACKED) cargo test --quiet -p penumbra-config -p penumbra-status _page
-	@UPDATE_DOCS=1 $(UNPACKED) cargo test --quiet --bin penumbra command_line_page
+	@$(UNPACKED) UPDATE_DOCS=1 cargo test --quiet -p penumbra-config -p penumbra-status _page
+	@$(UNPACKED) UPDATE_DOCS=1 cargo test --quiet --bin penumbra command_line_page
 
 unit: toolchain ## Rust tests alone
 	@$(UNPACKED) .ci/test rust

@@ -25,7 +25,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
     ("sync", &["interface", "numerics"]),
     ("session", &["interface", "tracker-serial"]),
     // Light and virtual objects.
-    ("lighting", &["interface", "picture", "camera"]),
+    ("lighting", &["interface", "numerics", "picture", "camera"]),
     (
         "scene",
         &["interface", "numerics", "strict-toml", "camera", "lighting"],
