@@ -9,22 +9,7 @@ use penumbra_camera::{PinholeCamera, RollingShutter, Vignetting};
 use penumbra_interface::RigidTransform;
 use penumbra_lighting::Lighting;
 use penumbra_picture::Picture;
-use penumbra_scene::{Highlights, IndirectLight, PlacedLamp, ShadowMode};
-
-/// How real surfaces respond to virtual lights.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub enum LampResponse {
-    /// Picture ÷ estimated irradiance = albedo: the picture is multiplied by
-    /// 1 + irradiance of the virtual lights / estimated irradiance.
-    #[default]
-    Intrinsic,
-    /// DiVerdi and Höllerer 2004, section 4.2: adds a blend of N·L and the picture's own relief.
-    Paper {
-        /// Direction to the brightest physical light, world, times its dominance
-        /// ([`penumbra_lighting::BrightestLight::vector`]).
-        brightest: Vec3,
-    },
-}
+use penumbra_scene::{Highlights, IndirectLight, LampResponse, PlacedLamp, ShadowMode};
 
 /// The input of one frame. [`FrameInput::new`] shows the camera picture alone; struct update
 /// syntax adds the rest.
@@ -54,6 +39,9 @@ pub struct FrameInput<'a> {
     pub lamps: &'a [PlacedLamp],
     /// How real surfaces respond to them.
     pub lamp_response: LampResponse,
+    /// Direction to the brightest physical light, world, times its dominance
+    /// ([`penumbra_lighting::BrightestLight::vector`]): for [`LampResponse::Paper`].
+    pub brightest: Vec3,
     /// How shadows darken the real picture.
     pub shadow_mode: ShadowMode,
     /// Strength of shadows: 0 = none, 1 = as estimated.
@@ -88,6 +76,7 @@ impl<'a> FrameInput<'a> {
             indirect_light: None,
             lamps: &[],
             lamp_response: LampResponse::Intrinsic,
+            brightest: Vec3::ZERO,
             shadow_mode: ShadowMode::Ratio,
             shadow_strength: 1.0,
             refresh: Refresh::UpTo(usize::MAX),

@@ -1,6 +1,6 @@
 //! The uniform that every pass of a frame reads.
 
-use super::frame_input::{FrameInput, LampResponse};
+use super::frame_input::FrameInput;
 use super::frame_view::{FrameView, NEAR};
 use super::gpu_data::FrameUniform;
 use super::textures::TILE;
@@ -140,12 +140,11 @@ fn vignetting(from: &UniformInputs<'_>) -> [[f32; 4]; 2] {
 /// Direction to the brightest physical light times its dominance; w = 1 where the paper's response
 /// is used.
 fn brightest(from: &UniformInputs<'_>) -> [f32; 4] {
-    match from.input.lamp_response {
-        LampResponse::Paper { brightest } if from.lamps_apart => {
-            let finite = brightest.is_finite();
-            let known = if finite { brightest } else { Vec3::ZERO };
-            known.clamp_length_max(1.0).extend(1.0).to_array()
-        }
-        _ => [0.0; 4],
+    if !from.lamps_apart {
+        return [0.0; 4];
     }
+    let brightest = from.input.brightest;
+    let finite = brightest.is_finite();
+    let known = if finite { brightest } else { Vec3::ZERO };
+    known.clamp_length_max(1.0).extend(1.0).to_array()
 }

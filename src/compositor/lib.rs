@@ -76,7 +76,7 @@ pub mod timing;
 
 pub use compositor::Compositor;
 pub use exposure::Exposure;
-pub use frame_input::{FrameInput, LampResponse};
+pub use frame_input::FrameInput;
 pub use gpu::{Gpu, GpuError};
 pub use lens::LensOutput;
 pub use passes::present::PresentPass;

@@ -3,7 +3,7 @@
 
 use super::compositor::Compositor;
 use super::exposure::stage::MeteredFrame;
-use super::frame_input::{FrameInput, LampResponse};
+use super::frame_input::FrameInput;
 use super::frame_uniform::{UniformInputs, frame_uniform};
 use super::frame_view::FrameView;
 use super::gpu::GpuError;
@@ -17,7 +17,7 @@ use super::shaders::Variant;
 use super::sized_resources::SizedResources;
 use glam::DMat4;
 use penumbra_camera::PinholeCamera;
-use penumbra_scene::ShadowMode;
+use penumbra_scene::{LampResponse, ShadowMode};
 
 /// Ratio of the texels of a virtual light's maps to those of a dome light's, each way, where soft
 /// shadows are affordable or where area lamps divide maps into views: shadows of virtual lights
@@ -193,7 +193,7 @@ impl Compositor {
         let something = !(self.scene.virtual_parts.is_empty() && input.lamps.is_empty());
         let augmented = input.show_virtual && something;
         let seen = augmented && input.lighting.is_some() && input.world_from_camera.is_some();
-        let by_paper = input.lamp_response != LampResponse::Intrinsic;
+        let by_paper = input.lamp_response == LampResponse::Paper;
         let mut plan = FramePlan {
             subtract: input.shadow_mode == ShadowMode::Subtract,
             lamps_apart: seen && !input.lamps.is_empty() && by_paper,

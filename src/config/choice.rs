@@ -85,27 +85,6 @@ pub enum ReplayPairing {
     Complete,
 }
 
-/// How real surfaces respond to virtual lamps.
-#[derive(
-    Clone,
-    Copy,
-    Debug,
-    Default,
-    PartialEq,
-    Eq,
-    clap::ValueEnum,
-    serde::Deserialize,
-    serde::Serialize,
-)]
-#[serde(rename_all = "kebab-case")]
-pub enum LampResponse {
-    /// `"intrinsic"`: reflectance is the picture divided by the incoming light.
-    #[default]
-    Intrinsic,
-    /// `"paper"`: a blend of N·L and the relief in the picture (DiVerdi and Höllerer 2004).
-    Paper,
-}
-
 /// How virtual objects are lit and cast shadows.
 #[derive(
     Clone,

@@ -1,7 +1,7 @@
 //! The sections of the configuration file; every key is optional. `config/rig.toml` documents them.
 
 use super::choice::{
-    Antialias, Clipped, FollowLatency, LampResponse, Monitor, Refresh, ReplayPairing, ReplaySpeed,
+    Antialias, Clipped, FollowLatency, Monitor, Refresh, ReplayPairing, ReplaySpeed,
     ShadowResolution, Technique, ToneCurve, Unseen,
 };
 use super::devices::{
@@ -14,7 +14,7 @@ use super::registration::RegistrationFile;
 use penumbra_lighting::{Filtering, IrradianceMethod, LightPlacement};
 use penumbra_picture::{YuvMatrix, YuvRange};
 use penumbra_rig_model::EnvironmentSource;
-use penumbra_scene::ShadowMode;
+use penumbra_scene::{LampResponse, ShadowMode};
 use penumbra_white_balance::WhiteBalanceMethod;
 use serde::Deserialize;
 use std::collections::BTreeMap;

@@ -14,7 +14,7 @@ mod renamed;
 pub mod token;
 
 pub use choice::{
-    Antialias, Clipped, FollowLatency, LampResponse, Monitor, Refresh, ReplayPairing, ReplaySpeed,
+    Antialias, Clipped, FollowLatency, Monitor, Refresh, ReplayPairing, ReplaySpeed,
     ShadowResolution, Technique, ToneCurve, Unseen,
 };
 pub use convert::{LIGHT_COUNTS, listen_needs_token};
@@ -31,8 +31,7 @@ pub use exposure::{
 pub use penumbra_lighting::{Filtering, IrradianceMethod, LightPlacement};
 pub use penumbra_picture::{YuvEncoding, YuvMatrix, YuvRange};
 use penumbra_rig_model::EnvironmentSource;
-pub use penumbra_scene::Highlights;
-pub use penumbra_scene::{PlaneShading, SceneChoice, ShadowMode};
+pub use penumbra_scene::{Highlights, LampResponse, PlaneShading, SceneChoice, ShadowMode};
 use penumbra_sync::{Degree, Smoothing};
 pub use penumbra_white_balance::WhiteBalanceMethod;
 pub use planes::{FREQUENCIES, PlaneReceiver, PlanesConfig, lights_of_dome};

@@ -16,8 +16,7 @@ use crate::settings::{compositor_settings, exposure, live_settings};
 use crate::source::Source;
 use crate::status as published;
 use crate::status::Published;
-use penumbra_compositor::{Compositor, FrameInput, Gpu, LampResponse, LensOutput, Refresh};
-use penumbra_config as config;
+use penumbra_compositor::{Compositor, FrameInput, Gpu, LensOutput, Refresh};
 use penumbra_config::Distortion;
 use penumbra_config::Technique;
 use penumbra_interface::{Clock, SystemClock};
@@ -256,12 +255,8 @@ impl Run {
                 .as_deref()
                 .filter(|_| settings.indirect_light),
             lamps: &self.lamps,
-            lamp_response: match settings.lamp_response {
-                config::LampResponse::Intrinsic => LampResponse::Intrinsic,
-                config::LampResponse::Paper => LampResponse::Paper {
-                    brightest: self.brightest.vector(),
-                },
-            },
+            lamp_response: settings.lamp_response,
+            brightest: self.brightest.vector(),
             shadow_mode: settings.shadow_mode,
             shadow_strength: if shadows {
                 settings.shadow_strength

@@ -55,7 +55,7 @@ pub use mesh::{Material, Mesh, Part, Phong, Scene, SceneTexture, Vertex};
 pub use motion::{Motion, Motions, Mover};
 pub use ply::load_ply;
 pub use raycast::{Hit, RayCaster};
-pub use rendering::{Highlights, PlaneShading, ShadowMode};
+pub use rendering::{Highlights, LampResponse, PlaneShading, ShadowMode};
 pub use scene_file::SceneAddition;
 pub use simplify::simplify_for_casting;
 pub use virtual_light::{Screen, VirtualLight, VirtualLightKey, VirtualLightKind};

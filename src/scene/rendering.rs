@@ -43,6 +43,29 @@ pub enum ShadowMode {
     Subtract,
 }
 
+/// How real surfaces respond to virtual lights.
+#[derive(
+    Clone,
+    Copy,
+    Debug,
+    Default,
+    PartialEq,
+    Eq,
+    clap::ValueEnum,
+    serde::Deserialize,
+    serde::Serialize,
+)]
+#[serde(rename_all = "kebab-case")]
+pub enum LampResponse {
+    /// `"intrinsic"`: reflectance is the picture divided by the incoming light, so the picture is
+    /// multiplied by 1 + irradiance of the virtual lights / estimated irradiance.
+    #[default]
+    Intrinsic,
+    /// `"paper"`: adds a blend of N·L and the relief in the picture (DiVerdi and Höllerer 2004,
+    /// section 4.2).
+    Paper,
+}
+
 /// What virtual objects are shaded with while shadowing planes are the technique.
 #[derive(
     Clone,

@@ -5,11 +5,10 @@ use crate::golden::{assert_golden, golden_stage};
 use crate::judge::{Rule, assert_like};
 use crate::stage::{Stage, cell, flat, lighting, looking_from, noise, part, sun};
 use glam::{DVec3, Vec3};
-use penumbra_compositor::{Exposure, LampResponse};
+use penumbra_compositor::Exposure;
 use penumbra_lighting::{BrightestLight, DomeLight};
 use penumbra_picture::Picture;
-use penumbra_scene::ShadowMode;
-use penumbra_scene::{Part, PlacedLamp, primitives};
+use penumbra_scene::{LampResponse, Part, PlacedLamp, ShadowMode, primitives};
 use std::f32::consts::PI;
 
 fn point(position: Vec3, intensity: Vec3) -> PlacedLamp {
@@ -22,17 +21,16 @@ fn point(position: Vec3, intensity: Vec3) -> PlacedLamp {
     }
 }
 
-/// The paper's response under the stage's own light.
-fn by_paper(lights: &[DomeLight]) -> LampResponse {
-    LampResponse::Paper {
-        brightest: BrightestLight::from_lights(lights).vector(),
-    }
+/// Chooses the paper's response under `lights`.
+fn respond_by_paper(stage: &mut Stage, lights: &[DomeLight]) {
+    stage.lamp_response = LampResponse::Paper;
+    stage.brightest = BrightestLight::from_lights(lights).vector();
 }
 
 /// A table of codes `codes` in `lights`, seen from above.
 fn table(codes: [u8; 3], lights: Vec<DomeLight>, lamps: Vec<PlacedLamp>) -> Stage {
     let mut stage = Stage::new(96, 72);
-    stage.lamp_response = by_paper(&lights);
+    respond_by_paper(&mut stage, &lights);
     stage = stage.lit(lighting(lights, 0.0));
     stage.picture = flat(96, 72, codes);
     stage.pose = Some(looking_from(DVec3::new(0.0, -0.01, 0.8), DVec3::ZERO));
@@ -152,9 +150,8 @@ fn on_white_under_a_light_across_both_responses_agree() {
     // What is white shows irradiance / π.
     let code = stage.response.code_from_linear(0.6);
     stage.picture = flat(96, 72, [code; 3]);
-    stage.lamp_response = LampResponse::Paper {
-        brightest: Vec3::ZERO,
-    };
+    stage.lamp_response = LampResponse::Paper;
+    stage.brightest = Vec3::ZERO;
     let paper = stage.compose();
     stage.lamp_response = LampResponse::Intrinsic;
     let intrinsic = stage.compose();
@@ -194,7 +191,7 @@ fn furnished(step: u32) -> Stage {
             DVec3::new(0.1, 0.05, 0.0),
         ));
     stage.scene.phantom_parts[1].albedo = Some(Vec3::new(0.3, 0.6, 0.9));
-    stage.lamp_response = by_paper(&lights);
+    respond_by_paper(&mut stage, &lights);
     stage = stage.lit(lighting(lights, 0.0));
     let mut spot = point(Vec3::new(0.15, -0.2, 0.3), Vec3::new(0.2, 0.15, 0.1));
     spot.direction = Vec3::new(-0.5, 0.6, -1.0).normalize();
@@ -284,13 +281,11 @@ fn going_there_and_back_leaves_no_trace() {
     stage.lamp_response = LampResponse::Intrinsic;
     assert!(stage.compose_with(&mut compositor) == intrinsic);
     // A direction that is no number is none.
-    stage.lamp_response = LampResponse::Paper {
-        brightest: Vec3::NAN,
-    };
+    stage.lamp_response = LampResponse::Paper;
+    stage.brightest = Vec3::NAN;
     let wrong = stage.compose_with(&mut compositor);
-    stage.lamp_response = LampResponse::Paper {
-        brightest: Vec3::ZERO,
-    };
+    stage.lamp_response = LampResponse::Paper;
+    stage.brightest = Vec3::ZERO;
     assert!(stage.compose_with(&mut compositor) == wrong);
 }
 
@@ -302,7 +297,7 @@ fn golden_lamps_by_the_papers_response() {
         DVec3::new(-0.02, 0.02, 0.0),
     ));
     let lights = stage.lighting.as_ref().map(|l| l.lights.clone());
-    stage.lamp_response = by_paper(&lights.unwrap_or_default());
+    respond_by_paper(&mut stage, &lights.unwrap_or_default());
     stage.lamps = vec![
         point(Vec3::new(0.3, -0.05, 0.15), Vec3::new(0.06, 0.05, 0.03)),
         point(Vec3::new(-0.3, -0.05, 0.15), Vec3::new(0.02, 0.04, 0.08)),

@@ -5,10 +5,10 @@
 
 use crate::stage::{Stage, cell, lighting, looking_from, sun};
 use glam::{DVec2, DVec3, Vec3};
-use penumbra_compositor::{Compositor, LampResponse};
+use penumbra_compositor::Compositor;
 use penumbra_lighting::{BrightestLight, DomeLight};
 use penumbra_picture::Picture;
-use penumbra_scene::PlacedLamp;
+use penumbra_scene::{LampResponse, PlacedLamp};
 use std::f32::consts::PI;
 
 const WIDTH: u32 = 128;
@@ -155,15 +155,14 @@ fn responses(on: &mut Compositor, bumps: Bumps, azimuth: f32, sky: f32) -> [Judg
         pixels.map(|p| f64::from(linear(p))).collect()
     };
     let before = green(&stage.picture);
-    let paper = LampResponse::Paper {
-        brightest: BrightestLight::from_lights(&lights).vector(),
-    };
-    let flat = LampResponse::Paper {
-        brightest: Vec3::ZERO,
-    };
-    [flat, paper, LampResponse::Intrinsic].map(|how| {
+    let brightest = BrightestLight::from_lights(&lights).vector();
+    let flat = (LampResponse::Paper, Vec3::ZERO);
+    let paper = (LampResponse::Paper, brightest);
+    let intrinsic = (LampResponse::Intrinsic, Vec3::ZERO);
+    [flat, paper, intrinsic].map(|(response, brightest)| {
         let mut stage = stage.clone();
-        stage.lamp_response = how;
+        stage.lamp_response = response;
+        stage.brightest = brightest;
         let after = green(&stage.compose_with(on));
         let added: Vec<f64> = after.iter().zip(&before).map(|(a, b)| a - b).collect();
         judged(&added, &truth)

@@ -4,14 +4,15 @@ use glam::{DMat3, DMat4, DQuat, DVec2, DVec3, Vec3};
 use penumbra_camera::{PinholeCamera, Response, RollingShutter, Vignetting};
 use penumbra_compositor::reference::{Reference, ReferencePicture};
 use penumbra_compositor::{
-    Compositor, CompositorSettings, Exposure, FrameInput, Gpu, LampResponse, Refresh, Reprojection,
+    Compositor, CompositorSettings, Exposure, FrameInput, Gpu, Refresh, Reprojection,
 };
 use penumbra_interface::{MonotonicTime, RigidTransform};
 use penumbra_lighting::{CubeMap, DomeLight, Harmonics, LightKind, Lighting};
 use penumbra_picture::Picture;
-use penumbra_scene::Highlights;
-use penumbra_scene::ShadowMode;
-use penumbra_scene::{IndirectLight, Material, Mesh, Part, PlacedLamp, Scene, casters, primitives};
+use penumbra_scene::{
+    Highlights, IndirectLight, LampResponse, Material, Mesh, Part, PlacedLamp, Scene, ShadowMode,
+    casters, primitives,
+};
 use std::f32::consts::PI;
 use std::sync::{Arc, OnceLock};
 
@@ -50,6 +51,7 @@ pub struct Stage {
     pub exposure: Exposure,
     pub highlights: Highlights,
     pub lamp_response: LampResponse,
+    pub brightest: Vec3,
 }
 
 impl Stage {
@@ -87,6 +89,7 @@ impl Stage {
             exposure: Exposure::Camera,
             highlights: Highlights::Estimated,
             lamp_response: LampResponse::Intrinsic,
+            brightest: Vec3::ZERO,
         }
     }
 
@@ -127,6 +130,7 @@ impl Stage {
             indirect_light: self.near.as_ref(),
             lamps: &self.lamps,
             lamp_response: self.lamp_response,
+            brightest: self.brightest,
             shadow_mode: self.mode,
             shadow_strength: self.strength,
             refresh: self.refresh,

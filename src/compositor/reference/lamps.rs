@@ -1,8 +1,7 @@
 //! Lamps: one shadow ray to each, and both ways in which real surfaces answer them.
 
-use super::super::frame_input::LampResponse;
 use super::surface::{Reference, Surface};
-use glam::DVec3;
+use glam::{DVec3, Vec3};
 use penumbra_scene::PlacedLamp;
 use std::f64::consts::PI;
 
@@ -70,12 +69,9 @@ pub fn response(to: DVec3, additive: f64, intensity: f64, brightest: DVec3) -> f
 pub(super) fn added_by_paper(
     surface: &Surface,
     lamps: &[Reaching],
-    how: LampResponse,
+    brightest: Vec3,
     video: DVec3,
 ) -> DVec3 {
-    let LampResponse::Paper { brightest } = how else {
-        return DVec3::ZERO;
-    };
     let intensity = video.dot(DVec3::new(0.2126, 0.7152, 0.0722));
     let brightest = brightest.clamp_length_max(1.0).as_dvec3();
     let each = lamps.iter().map(|l| {

@@ -14,11 +14,11 @@ mod surface;
 pub use lamps::response;
 pub use surface::{Reference, Seen};
 
-use super::frame_input::{FrameInput, LampResponse};
+use super::frame_input::FrameInput;
 use glam::DVec3;
 use penumbra_camera::Response;
 use penumbra_picture::Picture;
-use penumbra_scene::ShadowMode;
+use penumbra_scene::{LampResponse, ShadowMode};
 
 /// One pixel as it should be.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -121,10 +121,12 @@ impl Reference {
         let untouched =
             !input.show_virtual || surface.mirror || (lost == DVec3::ZERO && lit == DVec3::ZERO);
         // Lamps multiply the picture, or are added to it.
-        let apart = lamps::added_by_paper(&surface, &lamps, input.lamp_response, video) * factor;
-        let multiplied = match input.lamp_response {
-            LampResponse::Intrinsic => lit,
-            LampResponse::Paper { .. } => DVec3::ZERO,
+        let (multiplied, apart) = match input.lamp_response {
+            LampResponse::Intrinsic => (lit, DVec3::ZERO),
+            LampResponse::Paper => {
+                let added = lamps::added_by_paper(&surface, &lamps, input.brightest, video);
+                (DVec3::ZERO, added * factor)
+            }
         };
         let arriving = sums.arriving.max(DVec3::splat(1e-9));
         let linear = match input.shadow_mode {
