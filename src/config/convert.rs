@@ -4,6 +4,7 @@ use super::devices;
 use super::exposure::exposure;
 use super::file::{self, ConfigFile};
 use super::planes::planes;
+use super::range::{Result, millis, power_of_two, set, within};
 use super::registration::registration;
 use super::renamed::renamed;
 use super::{
@@ -14,13 +15,10 @@ use penumbra_scene::SceneChoice;
 use penumbra_strict_toml::TomlError;
 use penumbra_strict_toml::{Fault, TomlText};
 use std::net::SocketAddr;
-use std::ops::RangeInclusive;
 use std::path::Path;
 
 /// Supported numbers of dome lights.
 pub const LIGHT_COUNTS: [u32; 7] = [0, 8, 24, 48, 64, 96, 384];
-
-pub(super) type Result<T> = std::result::Result<T, Fault>;
 
 pub(super) fn config(text: &TomlText, folder: &Path) -> std::result::Result<Config, TomlError> {
     if let Some(fault) = renamed(text) {
@@ -69,68 +67,6 @@ fn convert(file: ConfigFile, folder: &Path) -> Result<Config> {
     set(&mut config.replay.repeat, file.replay.repeat);
     set(&mut config.replay.pairing, file.replay.pairing);
     Ok(config)
-}
-
-pub(super) fn set<T>(target: &mut T, value: Option<T>) {
-    if let Some(value) = value {
-        *target = value;
-    }
-}
-
-/// Returns `value` if it is in `range`.
-pub(super) fn within(
-    key: &str,
-    value: Option<f64>,
-    range: RangeInclusive<f64>,
-) -> Result<Option<f64>> {
-    match value {
-        Some(v) if !range.contains(&v) => {
-            let (low, high) = range.into_inner();
-            Err(Fault::new(
-                key,
-                format!("expected a number from {low} to {high}, found {v}"),
-            ))
-        }
-        value => Ok(value),
-    }
-}
-
-/// Returns `value` if it is in `range`.
-pub(super) fn whole(
-    key: &str,
-    value: Option<u32>,
-    range: RangeInclusive<u32>,
-) -> Result<Option<u32>> {
-    match value {
-        Some(v) if !range.contains(&v) => {
-            let (low, high) = range.into_inner();
-            Err(Fault::new(
-                key,
-                format!("expected a whole number from {low} to {high}, found {v}"),
-            ))
-        }
-        value => Ok(value),
-    }
-}
-
-/// Returns `value` if it is a power of two from `low` to `high`.
-fn power_of_two(key: &str, value: Option<u32>, low: u32, high: u32) -> Result<Option<u32>> {
-    match value {
-        Some(v) if !(v.is_power_of_two() && (low..=high).contains(&v)) => Err(Fault::new(
-            key,
-            format!("expected a power of two from {low} to {high}, found {v}"),
-        )),
-        value => Ok(value),
-    }
-}
-
-/// Converts milliseconds in `range` to nanoseconds.
-pub(super) fn millis(
-    key: &str,
-    value: Option<f64>,
-    range: RangeInclusive<f64>,
-) -> Result<Option<i64>> {
-    Ok(within(key, value, range)?.map(|ms| (ms * 1e6).round() as i64))
 }
 
 fn scene(file: &file::Scene, folder: &Path) -> Result<SceneChoice> {

@@ -1,6 +1,6 @@
 //! Settings of the devices: the sections of the file, the settings, and the conversion.
 
-use super::convert::{Result, millis, set, within};
+use super::range::{Result, millis, set, whole, within};
 use crate::REPLAY_PREFIX;
 use crate::{CameraSource, TrackerSource};
 use penumbra_interface::{BayerPattern, BracketSettings, CameraSettings, OnChange, PixelFormat};
@@ -423,19 +423,4 @@ pub(super) fn recording(
     let reserve = within("recording.reserve_mb", file.reserve_mb, 0.0..=1e9)?;
     set(&mut out.reserve_bytes, reserve.map(|mb| (mb * 1e6) as u64));
     Ok(())
-}
-
-fn whole(
-    key: &str,
-    value: Option<u32>,
-    range: std::ops::RangeInclusive<u32>,
-) -> Result<Option<u32>> {
-    match value {
-        Some(v) if !range.contains(&v) => {
-            let (low, high) = range.into_inner();
-            let reason = format!("expected a whole number from {low} to {high}, found {v}");
-            Err(Fault::new(key, reason))
-        }
-        value => Ok(value),
-    }
 }

@@ -1,6 +1,6 @@
 //! `[exposure]`: exposure of the output (DiVerdi and Höllerer 2004, section 4.3).
 
-use super::convert::{Result, set, within};
+use super::range::{Result, set, within};
 pub use penumbra_scene::Highlights;
 use serde::Deserialize;
 use std::ops::RangeInclusive;

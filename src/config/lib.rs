@@ -9,6 +9,7 @@ mod error;
 mod exposure;
 mod file;
 mod planes;
+mod range;
 mod registration;
 mod renamed;
 pub mod token;

@@ -1,6 +1,6 @@
 //! `[planes]`: shadowing planes and their bake (Kakuta et al. 2004, 2007).
 
-use super::convert::{Result, set, whole, within};
+use super::range::{Result, set, whole, within};
 use penumbra_scene::PlaneShading;
 use penumbra_scene::planes::{BakeSettings, Receiver};
 use penumbra_strict_toml::Fault;

@@ -1,6 +1,6 @@
 //! `[registration]`: source of the scene camera's pose, lens distortion and prediction.
 
-use super::convert::{Result, set};
+use super::range::{Result, set};
 use penumbra_strict_toml::Fault;
 use serde::Deserialize;
 
