@@ -16,7 +16,6 @@ pub use membership::{FaceLight, Membership, sum_faces, sum_faces_into};
 pub use six::SixGroups;
 pub use sources::{FaceOfPixel, FaceSource};
 
-use super::resample::triangle_solid_angle;
 use glam::{DMat3, DVec3, Vec3};
 
 /// Maximum frequency: 2560 triangles, four degrees wide.
@@ -55,6 +54,13 @@ impl Face {
         let [a, b, c] = self.corners.map(Vec3::as_dvec3);
         [a.cross(b), b.cross(c), c.cross(a)]
     }
+}
+
+/// Solid angle of a spherical triangle (Van Oosterom & Strackee 1983).
+pub(crate) fn triangle_solid_angle(a: DVec3, b: DVec3, c: DVec3) -> f64 {
+    let numerator = a.dot(b.cross(c)).abs();
+    let denominator = 1.0 + a.dot(b) + b.dot(c) + c.dot(a);
+    2.0 * numerator.atan2(denominator)
 }
 
 /// The triangles of the upper hemisphere.

@@ -1,6 +1,5 @@
 //! State of the light probe, a mirrored sphere in the scene camera's picture, and of its map.
 
-use super::estimator::EnvironmentEstimator;
 use penumbra_interface::MonotonicTime;
 
 /// The map accumulated from a mirrored sphere, and when the sphere was seen.
@@ -22,8 +21,8 @@ pub struct ProbeMap {
 /// The newest observation of the sphere.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct LastSphere {
-    seen_at: Option<MonotonicTime>,
-    rim_shift: Option<f64>,
+    pub(super) seen_at: Option<MonotonicTime>,
+    pub(super) rim_shift: Option<f64>,
 }
 
 impl LastSphere {
@@ -31,34 +30,5 @@ impl LastSphere {
     pub const fn record(&mut self, at: MonotonicTime, rim_shift: Option<f64>) {
         self.seen_at = Some(at);
         self.rim_shift = rim_shift;
-    }
-}
-
-impl EnvironmentEstimator {
-    /// Returns the state of the map from a mirrored sphere in the scene camera's picture; `None`
-    /// for other views.
-    #[must_use]
-    pub fn probe_map(&self) -> Option<ProbeMap> {
-        let (memory, grid, sphere) = self.accumulated()?;
-        let (mut sum, mut above, mut total_above) = (0.0, 0.0, 0.0);
-        for ((d, &w), &c) in grid
-            .directions
-            .iter()
-            .zip(&grid.solid_angles)
-            .zip(&memory.coverage)
-        {
-            sum += w * c;
-            if d.z > 0.0 {
-                above += w * c;
-                total_above += w;
-            }
-        }
-        Some(ProbeMap {
-            sphere_seen_at: sphere.seen_at,
-            rim_shift: sphere.rim_shift,
-            seen_at: memory.mean_seen_at(&grid.solid_angles),
-            coverage: sum / (4.0 * std::f32::consts::PI),
-            coverage_above: above / total_above,
-        })
     }
 }

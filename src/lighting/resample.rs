@@ -1,6 +1,7 @@
 //! Resamples the picture's pixels to the cube's texels without loss or gain of energy.
 
 use super::cube::{CubeGrid, face_direction};
+use super::geodesic::triangle_solid_angle;
 use glam::{DVec2, DVec3, Vec3};
 use penumbra_camera::PlacedView;
 use std::ops::Range;
@@ -97,13 +98,6 @@ fn observe_pixel(
     let direction = view.direction(pixel).unwrap_or(ray.direction).as_vec3();
     let solid_angle = triangle_solid_angle(a, b, c) + triangle_solid_angle(a, c, d);
     (direction, solid_angle as f32)
-}
-
-/// Solid angle of a spherical triangle (Van Oosterom & Strackee 1983).
-pub(super) fn triangle_solid_angle(a: DVec3, b: DVec3, c: DVec3) -> f64 {
-    let numerator = a.dot(b.cross(c)).abs();
-    let denominator = 1.0 + a.dot(b) + b.dot(c) + c.dot(a);
-    2.0 * numerator.atan2(denominator)
 }
 
 /// The pixels of each texel and their weights, whose sum is one.

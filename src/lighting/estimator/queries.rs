@@ -1,5 +1,6 @@
 //! Queries of an estimator's state.
 
+use super::super::probe::ProbeMap;
 use super::*;
 
 impl EnvironmentEstimator {
@@ -108,10 +109,35 @@ impl EnvironmentEstimator {
         }
     }
 
+    /// Returns the state of the map from a mirrored sphere in the scene camera's picture; `None`
+    /// for other views.
+    #[must_use]
+    pub fn probe_map(&self) -> Option<ProbeMap> {
+        let (memory, grid, sphere) = self.accumulated()?;
+        let (mut sum, mut above, mut total_above) = (0.0, 0.0, 0.0);
+        for ((d, &w), &c) in grid
+            .directions
+            .iter()
+            .zip(&grid.solid_angles)
+            .zip(&memory.coverage)
+        {
+            sum += w * c;
+            if d.z > 0.0 {
+                above += w * c;
+                total_above += w;
+            }
+        }
+        Some(ProbeMap {
+            sphere_seen_at: sphere.seen_at,
+            rim_shift: sphere.rim_shift,
+            seen_at: memory.mean_seen_at(&grid.solid_angles),
+            coverage: sum / (4.0 * std::f32::consts::PI),
+            coverage_above: above / total_above,
+        })
+    }
+
     /// Returns what a sphere in the scene camera's picture has shown; `None` for other views.
-    pub(crate) const fn accumulated(
-        &self,
-    ) -> Option<(&RadianceAccumulator, &CubeGrid, &LastSphere)> {
+    const fn accumulated(&self) -> Option<(&RadianceAccumulator, &CubeGrid, &LastSphere)> {
         match &self.placed {
             View::Fixed(_) => None,
             View::Moving(memory) => Some((memory, &self.grid, &self.last_sphere)),
