@@ -12,7 +12,7 @@ use super::mesh_buffers::{
 use super::moving::{CASTER_SHIFT, CasterPlaces, MovingPart};
 use glam::{DMat4, Vec3};
 use penumbra_lighting::lobes::phong_parameter;
-use penumbra_scene::motion::still_and_moving;
+use penumbra_scene::still_and_moving;
 use penumbra_scene::{Part, Scene};
 use wgpu::util::{BufferInitDescriptor, DeviceExt};
 

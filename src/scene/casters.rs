@@ -1,6 +1,7 @@
 //! Simplified virtual parts for shadow maps.
 
-use crate::mesh::{Part, Scene};
+use crate::mesh::Part;
+use crate::scene::Scene;
 use glam::DVec3;
 use std::collections::HashMap;
 use std::sync::Arc;

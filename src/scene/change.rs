@@ -1,7 +1,8 @@
 //! Classifies the change from one scene to another, which decides what must be computed again:
 //! nothing if only materials changed, little if the virtual parts moved as one rigid body.
 
-use crate::mesh::{Mesh, Part, Scene};
+use crate::mesh::{Mesh, Part};
+use crate::scene::Scene;
 use glam::{DMat3, DMat4, DQuat, DVec3};
 use penumbra_interface::RigidTransform;
 use std::sync::Arc;

@@ -1,6 +1,7 @@
 //! Finds lamps inside closed objects or below the ground, whose light is invisible.
 
-use crate::mesh::{Part, Scene};
+use crate::mesh::Part;
+use crate::scene::Scene;
 use glam::{DMat4, DVec3};
 use std::f64::consts::TAU;
 

@@ -9,7 +9,7 @@ use super::gltf_bytes::{Fault, Resolver, Source, named_files};
 use super::gltf_lamp::{ModelLamp, lamp};
 use super::gltf_material::{Materials, UvMaterial};
 pub use super::gltf_motion::Playing;
-use super::gltf_motion::{Skeleton, names};
+use super::gltf_motion::{Skeleton, names, z_up_from_y_up};
 use super::lamps::MAX_LAMPS;
 use super::motion::Motion;
 use super::normals::{normalise_directions, recompute_normals, recompute_tangents};
@@ -452,17 +452,6 @@ fn as_triangles(mode: Mode, indices: Vec<u32>) -> Vec<u32> {
             indices
         }
     }
-}
-
-/// Rotation from glTF's +Y-up to Penumbra's +Z-up frame: (x, y, z) to (x, −z, y).
-#[must_use]
-pub fn z_up_from_y_up() -> DMat4 {
-    DMat4::from_cols_array_2d(&[
-        [1.0, 0.0, 0.0, 0.0],
-        [0.0, 0.0, 1.0, 0.0],
-        [0.0, -1.0, 0.0, 0.0],
-        [0.0, 0.0, 0.0, 1.0],
-    ])
 }
 
 #[cfg(test)]

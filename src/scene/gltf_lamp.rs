@@ -1,7 +1,7 @@
 //! Reads the lights of glTF files (KHR_lights_punctual).
 
 use super::gltf_bytes::Fault;
-use crate::gltf_file::z_up_from_y_up;
+use super::gltf_motion::z_up_from_y_up;
 use crate::virtual_light::{VirtualLight, VirtualLightKey, VirtualLightKind};
 use glam::{DMat4, DVec3, Vec3};
 use gltf::khr_lights_punctual::{Kind, Light};

@@ -3,12 +3,22 @@
 
 use super::gltf_bytes::{Fault, Source};
 use super::motion::{Channel, Easing, Motion, Track, Turning};
-use crate::gltf_file::z_up_from_y_up;
 use glam::{DMat4, DQuat, DVec3, Mat4};
 use gltf::accessor::Dimensions;
 use gltf::animation::{Interpolation, Property};
 use std::collections::HashMap;
 use std::sync::Arc;
+
+/// Rotation from glTF's +Y-up to Penumbra's +Z-up frame: (x, y, z) to (x, −z, y).
+#[must_use]
+pub fn z_up_from_y_up() -> DMat4 {
+    DMat4::from_cols_array_2d(&[
+        [1.0, 0.0, 0.0, 0.0],
+        [0.0, 0.0, 1.0, 0.0],
+        [0.0, -1.0, 0.0, 0.0],
+        [0.0, 0.0, 0.0, 1.0],
+    ])
+}
 
 /// Selection of a model's animation.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

@@ -1,7 +1,8 @@
 //! The ground.
 
 use super::primitives;
-use crate::mesh::{Material, Part, Scene};
+use crate::mesh::{Material, Part};
+use crate::scene::Scene;
 use glam::{DMat4, DQuat, DVec3, Vec3};
 use std::sync::Arc;
 

@@ -135,7 +135,7 @@ fn key_at(keys: &[VirtualLightKey], seconds: f64) -> Option<VirtualLightKey> {
 mod tests {
     #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
     use super::*;
-    use crate::mesh::Scene;
+    use crate::scene::Scene;
 
     fn key(seconds: f64, x: f64, gain: f64) -> VirtualLightKey {
         VirtualLightKey {

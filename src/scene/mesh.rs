@@ -1,8 +1,5 @@
 //! Meshes, materials, and the scene that holds them.
 
-use super::motion::Motions;
-use super::planes::ShadowingPlane;
-use crate::virtual_light::VirtualLight;
 use glam::{DMat4, Vec2, Vec3, Vec4};
 use std::sync::Arc;
 
@@ -137,33 +134,4 @@ pub struct Part {
     pub mirror: bool,
     /// Phantoms only: linear diffuse reflectance per channel, if known.
     pub albedo: Option<Vec3>,
-}
-
-/// Virtual objects, proxies of real objects, and lamps.
-#[derive(Clone, Debug, Default)]
-pub struct Scene {
-    /// Parts of virtual objects.
-    pub virtual_parts: Vec<Part>,
-    /// Proxies of real objects: they write depth and receive shadows, and have no colour of their
-    /// own.
-    pub phantom_parts: Vec<Part>,
-    /// Height of level ground, world, metres (plane z = height); `None` without level ground.
-    pub ground_height: Option<f64>,
-    /// Virtual lights.
-    pub lamps: Vec<VirtualLight>,
-    /// Shadowing planes that are placed by hand.
-    pub planes: Vec<ShadowingPlane>,
-    /// Motions of parts and lamps; the scene holds their initial poses.
-    pub motions: Motions,
-    /// Warnings for the user, one line each, about a scene that can be rendered nevertheless.
-    pub warnings: Vec<String>,
-}
-
-impl Scene {
-    /// Whether a virtual part has Phong's lobe, for which the environment must be filtered.
-    #[must_use]
-    pub fn has_phong(&self) -> bool {
-        let mut materials = self.virtual_parts.iter().map(|p| &p.material);
-        materials.any(|m| m.phong.is_some())
-    }
 }

@@ -6,7 +6,8 @@
 
 mod surfaces;
 
-use crate::mesh::{Part, Scene};
+use crate::mesh::Part;
+use crate::scene::Scene;
 use glam::DVec3;
 use parry3d::bounding_volume::Aabb;
 use parry3d::partitioning::{Bvh, BvhBuildStrategy, BvhNode};

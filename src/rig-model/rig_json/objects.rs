@@ -5,8 +5,8 @@ use super::values::{
     Albedo, Colour, Count, Direction, List, NotNegative, Number, Placement, Pose, Positive, Vector,
 };
 use glam::{DMat4, DVec3, Vec3};
-use penumbra_scene::gltf_file::z_up_from_y_up;
 use penumbra_scene::lamps::MAX_LAMPS;
+use penumbra_scene::z_up_from_y_up;
 use penumbra_scene::{GroundPlane, VirtualLight, VirtualLightKey, VirtualLightKind};
 use serde::Deserialize;
 use serde::de::Error;

@@ -23,7 +23,8 @@ pub use directions::{AXES, side_of};
 pub use obstacles::solid_phantoms;
 pub use result::{GROUND_SIDE, IndirectLight, Irradiance, PhantomRadiance, VOLUME_SIZE};
 
-use crate::mesh::{Part, Scene};
+use crate::mesh::Part;
+use crate::scene::Scene;
 use directions::Directions;
 use glam::Vec3;
 use ground::GroundGrid;

@@ -1,8 +1,9 @@
 //! Virtual casters, phantoms and the ground as obstacles of rays.
 
 use super::directions::side_of;
-use crate::mesh::{Part, Scene};
+use crate::mesh::Part;
 use crate::raycast::{Hit, RayCaster};
+use crate::scene::Scene;
 use glam::Vec3;
 
 /// A surface counts as nearer than the ground from this share of the distance to the ground: a

@@ -1,5 +1,6 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 use super::*;
+use crate::scene::Scene;
 use crate::virtual_light::{VirtualLight, VirtualLightKey, VirtualLightKind};
 use glam::Vec3;
 use std::f64::consts::{FRAC_PI_2, PI, TAU};

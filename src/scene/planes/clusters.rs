@@ -3,7 +3,7 @@
 
 use super::hull::{Clusters, hull_faces};
 use super::surface::{Fragment, bounds};
-use crate::mesh::Scene;
+use crate::scene::Scene;
 use glam::DVec3;
 
 /// Minimum overlap of two parts' boxes, as a share of the smaller one, that makes them one object.

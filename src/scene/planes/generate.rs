@@ -5,8 +5,9 @@ use super::clusters::divide;
 use super::ground::Ground;
 use super::surface::{Fragment, Surface};
 use super::{Layer, Receiver, ShadowingPlane};
-use crate::mesh::{Part, Scene};
+use crate::mesh::Part;
 use crate::raycast::RayCaster;
+use crate::scene::Scene;
 use glam::DVec3;
 use thiserror::Error;
 

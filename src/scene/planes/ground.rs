@@ -4,7 +4,7 @@
 use super::rectangle::Axes;
 use super::surface::{Fragment, bounds};
 use super::{Layer, Receiver, ShadowingPlane};
-use crate::mesh::Scene;
+use crate::scene::Scene;
 use glam::{DVec2, DVec3};
 
 /// Shadow lengths per height of the caster that the nested planes hold. The lights of a dome of

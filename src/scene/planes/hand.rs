@@ -1,7 +1,8 @@
 //! Parts that planes placed by hand cover.
 
 use super::{Layer, ShadowingPlane};
-use crate::mesh::{Part, Scene};
+use crate::mesh::Part;
+use crate::scene::Scene;
 use glam::{DVec2, DVec3};
 
 /// Sets [`ShadowingPlane::parts`] of the scene's own planes and sorts those of the real layer first.

@@ -44,8 +44,8 @@ pub struct ShadowingPlane {
     pub layer: Layer,
     /// Surface for which shadows are baked.
     pub receiver: Receiver,
-    /// Indices of the parts that it covers, in [`crate::mesh::Scene::virtual_parts`] or
-    /// [`crate::mesh::Scene::phantom_parts`] by its layer.
+    /// Indices of the parts that it covers, in [`crate::scene::Scene::virtual_parts`] or
+    /// [`crate::scene::Scene::phantom_parts`] by its layer.
     pub parts: Vec<u32>,
 }
 

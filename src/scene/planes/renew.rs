@@ -5,7 +5,8 @@ use super::generate::{Kept, PlaneError, PlaneSettings, generate_beside};
 use super::surface::bounds;
 use super::{Bake, Layer, ShadowingPlane};
 use crate::change::is_same;
-use crate::mesh::{Part, Scene};
+use crate::mesh::Part;
+use crate::scene::Scene;
 use glam::DVec3;
 use penumbra_lighting::geodesic::{Face, GeodesicDome};
 

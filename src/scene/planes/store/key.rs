@@ -1,8 +1,9 @@
 //! Key of a bake: a hash of everything on which it depends.
 
 use super::content::write_plane;
-use crate::mesh::{Part, Scene};
+use crate::mesh::Part;
 use crate::planes::{BakeSettings, PlaneSettings, Receiver};
+use crate::scene::Scene;
 use sha2::{Digest, Sha256};
 
 /// Version of the generation and baking of planes. Increment it whenever a scene yields other results.

@@ -7,11 +7,12 @@
 //! Bakes are stored and loaded unchanged; everything else is refused.
 
 use super::*;
-use crate::mesh::{Material, Part, Scene};
+use crate::mesh::{Material, Part};
 use crate::planes::{
     BakeSettings, Basis, Image, PlaneSettings, ReceiverImage, ShadowingPlane, generate,
 };
 use crate::primitives;
+use crate::scene::Scene;
 use glam::{DMat4, DVec3, Vec3};
 use proptest::prelude::*;
 use std::path::Path;
