@@ -1,7 +1,6 @@
 //! The MCAP file: positions of its chunks, its attachments, and the bytes of one chunk.
 
 use super::SessionError;
-use super::reader::Attachment;
 use super::records::{
     self, CHUNK_HEADER_MAX, Channel, ChunkHeader, MAGIC, RECORD_HEADER, op, record_header,
 };
@@ -10,6 +9,17 @@ use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::{self, BufReader, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
+
+/// A file inside a session: calibration, virtual object, phantom object.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Attachment {
+    /// Plain relative path with `/`, e.g. `object/object.glb`.
+    pub name: String,
+    /// E.g. `application/json`.
+    pub media_type: String,
+    /// Contents of the file.
+    pub data: Bytes,
+}
 
 /// Maximum size of an attachment, bytes.
 pub(super) const MAX_ATTACHMENT_BYTES: u64 = 256 << 20;

@@ -2,7 +2,7 @@
 
 use super::SessionError;
 use super::container::{ChunkPlace, open};
-use super::journal::{ControlsMessage, JournalMessage};
+use super::journal::{ControlsMessage, JournalMessage, LightRecord};
 use super::messages::{self, ExposureMessage, FrameContext, recorded_time};
 use super::reader::Session;
 use super::records::{self, Channel, MESSAGE_HEADER, MessageHeader, Placed, op, records_in};
@@ -51,15 +51,6 @@ pub enum SessionEvent {
         /// pictures and each was rendered in the light of the previous one.
         light: Option<LightRecord>,
     },
-}
-
-/// The live rig's record of a picture's light, which is estimated asynchronously.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct LightRecord {
-    /// The light estimator used the picture.
-    pub seen: bool,
-    /// Arrival of the picture in whose light this one was rendered; `None` before the first estimate.
-    pub lit_by: Option<MonotonicTime>,
 }
 
 impl SessionEvent {

@@ -1,11 +1,19 @@
 //! The journal, which records how the live rig processed the streams so that a replay can repeat it,
 //! and the cameras' controls.
 
-use super::events::LightRecord;
 use penumbra_interface::{ControlsInForce, MonotonicTime};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::sync::Arc;
+
+/// The live rig's record of a picture's light, which is estimated asynchronously.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct LightRecord {
+    /// The light estimator used the picture.
+    pub seen: bool,
+    /// Arrival of the picture in whose light this one was rendered; `None` before the first estimate.
+    pub lit_by: Option<MonotonicTime>,
+}
 
 /// JSON of a `/rig/journal` message; its log time is the time of the event.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]

@@ -38,10 +38,12 @@ mod writer;
 
 pub mod import;
 
+pub use container::Attachment;
 pub use error::SessionError;
-pub use events::{Events, LightRecord, SessionEvent};
+pub use events::{Events, SessionEvent};
 pub use info::{StreamInfo, describe};
-pub use reader::{Attachment, Session};
+pub use journal::LightRecord;
+pub use reader::Session;
 pub use topics::Camera;
 pub use writer::SessionWriter;
 

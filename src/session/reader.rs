@@ -1,26 +1,14 @@
 //! A session opened for replay.
 
 use super::SessionError;
-use super::container::{Container, open};
+use super::container::{Attachment, Container, open};
 use super::messages::recorded_time;
 use super::records::{self, Channel, op, records_in};
 use super::topics::{self, Camera, Role};
-use bytes::Bytes;
 use penumbra_interface::MonotonicTime;
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Arc;
-
-/// A file inside a session: calibration, virtual object, phantom object.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Attachment {
-    /// Plain relative path with `/`, e.g. `object/object.glb`.
-    pub name: String,
-    /// E.g. `application/json`.
-    pub media_type: String,
-    /// Contents of the file.
-    pub data: Bytes,
-}
 
 /// A recorded session. Holds its attachments and the positions of its chunks; pictures are read on
 /// demand. Cheap to clone.

@@ -2,7 +2,8 @@
 
 use super::SessionError;
 use super::container::is_inside;
-use super::events::{LightRecord, SessionEvent};
+use super::events::SessionEvent;
+use super::journal::LightRecord;
 use super::journal::{self, ControlsMessage, JournalMessage};
 use super::messages::{self, ExposureMessage};
 use super::sink::{Sink, Watched};
