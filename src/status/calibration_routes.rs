@@ -1,7 +1,7 @@
 //! HTTP routes of calibration.
 
+use super::app::{App, HTML, is_json, problem};
 use super::calibration::{Calibration, CalibrationControl, CalibrationRefusal, CalibrationRequest};
-use super::routes::{App, HTML, is_json, problem};
 use axum::body::Bytes;
 use axum::extract::{RawQuery, State};
 use axum::http::{HeaderMap, StatusCode, header};

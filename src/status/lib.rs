@@ -2,9 +2,10 @@
 //!
 //! The rig writes a [`SharedStatus`]; [`StatusServer`] reads it. [`snapshot`] is the data,
 //! [`times`] the histograms in it, [`settings`] the live settings. The server consists of
-//! [`server`] (socket and limits), `guard` (access), `routes` and `calibration_routes`, [`metrics`] and
+//! [`server`] (socket and limits), `guard` (access), `app` (shared state), `routes` and `calibration_routes`, [`metrics`] and
 //! [`health`] (made from the snapshot), [`preview`] (the environment light), and the dashboard.
 
+mod app;
 pub mod calibration;
 mod calibration_routes;
 pub mod fields;

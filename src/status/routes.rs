@@ -1,16 +1,14 @@
 //! The HTTP routes.
 
+use super::app::{App, HTML, MAX_STREAMS, PngCache, is_json, problem};
 use super::calibration_routes;
 use super::guard::{self, Token};
 use super::health::health;
 use super::metrics::{METRICS_CONTENT_TYPE, metrics};
 use super::recording::RecordingRequest;
 use super::settings::{Settings, SettingsChange, SettingsError};
-use super::shared::SharedStatus;
 use super::snapshot::{Snapshot, WhiteBalance};
-use crate::stream::{
-    EncodeError, JpegEncoder, STREAM_CONTENT_TYPE, encode_png, stream_part, stream_preamble,
-};
+use crate::stream::{STREAM_CONTENT_TYPE, stream_preamble};
 use axum::body::{Body, Bytes};
 use axum::extract::{DefaultBodyLimit, Path, State};
 use axum::http::{HeaderMap, StatusCode, header};
@@ -19,105 +17,17 @@ use axum::response::{IntoResponse, Response};
 use axum::routing::{get, post};
 use axum::{Json, Router};
 use penumbra_picture::Picture;
-use serde_json::json;
 use std::convert::Infallible;
 use std::sync::Arc;
 use std::time::Duration;
-use tokio::sync::{Mutex, Semaphore, watch};
-use tokio::time::{Instant, sleep_until, timeout};
+use tokio::time::timeout;
 use tokio_stream::wrappers::WatchStream;
 use tokio_stream::{Stream, StreamExt, once};
 
-/// Maximum number of viewers.
-pub const MAX_STREAMS: usize = 16;
-/// JPEG quality of the stream.
-const STREAM_QUALITY: u8 = 85;
-/// Minimum interval between encoded pictures (30 Hz); more would take processor time from the rig.
-const STREAM_INTERVAL: Duration = Duration::from_millis(33);
 /// Time that `/snapshot.png` waits for a new picture before it returns the last one.
 const SNAPSHOT_WAIT: Duration = Duration::from_millis(700);
 /// Maximum length of a body, bytes; settings are a few dozen.
 const MAX_BODY: usize = 16 * 1024;
-
-/// State shared by the routes.
-#[derive(Clone)]
-pub struct App {
-    pub(super) shared: Arc<SharedStatus>,
-    parts: watch::Sender<Option<Bytes>>,
-    encoder: Arc<std::sync::Mutex<JpegEncoder>>,
-    streams: Arc<Semaphore>,
-    snapshot_png: Arc<PngCache>,
-    environment_png: Arc<PngCache>,
-}
-
-impl App {
-    /// Creates the state.
-    ///
-    /// # Errors
-    /// The JPEG encoder cannot allocate.
-    pub fn new(shared: Arc<SharedStatus>) -> Result<Self, EncodeError> {
-        let encoder = JpegEncoder::new(STREAM_QUALITY)?;
-        Ok(Self {
-            shared,
-            parts: watch::Sender::new(None),
-            encoder: Arc::new(std::sync::Mutex::new(encoder)),
-            streams: Arc::new(Semaphore::new(MAX_STREAMS)),
-            snapshot_png: Arc::default(),
-            environment_png: Arc::default(),
-        })
-    }
-
-    /// Encodes each new picture once for all viewers, and nothing without viewers.
-    pub async fn stream_pictures(&self) {
-        let mut watchers = self.shared.viewers();
-        let mut pictures = self.shared.pictures();
-        loop {
-            if *watchers.borrow_and_update() == 0 {
-                self.parts.send_replace(None);
-                if watchers.changed().await.is_err() {
-                    return;
-                }
-                // Whoever comes sees the picture there is, even if no other follows.
-                pictures.mark_changed();
-                continue;
-            }
-            tokio::select! {
-                _ = watchers.changed() => continue,
-                _ = pictures.changed() => {}
-            }
-            let next = Instant::now() + STREAM_INTERVAL;
-            let picture = pictures.borrow_and_update().clone();
-            if let Some(picture) = picture {
-                self.encode(picture).await;
-            }
-            sleep_until(next).await;
-        }
-    }
-
-    async fn encode(&self, picture: Arc<Picture>) {
-        let encoder = Arc::clone(&self.encoder);
-        let began = Instant::now();
-        let encoded = tokio::task::spawn_blocking(move || {
-            let mut encoder = encoder
-                .lock()
-                .unwrap_or_else(std::sync::PoisonError::into_inner);
-            encoder.encode(&picture).map(|jpeg| stream_part(&jpeg))
-        });
-        let error = match encoded.await {
-            Ok(Ok(part)) => {
-                self.parts.send_replace(Some(part));
-                self.shared.update(|s| {
-                    s.stream.encoded += 1;
-                    s.stages.record("encode", began.elapsed());
-                });
-                return;
-            }
-            Ok(Err(error)) => error.to_string(),
-            Err(error) => error.to_string(),
-        };
-        self.shared.update(|s| s.warn(&format!("stream: {error}")));
-    }
-}
 
 /// All routes behind the guard.
 pub fn router(app: App, token: Option<Arc<Token>>) -> Router {
@@ -152,7 +62,6 @@ async fn not_found() -> Response {
     (StatusCode::NOT_FOUND, NOT_FOUND).into_response()
 }
 
-pub(super) const HTML: &str = "text/html; charset=utf-8";
 const CSS: &str = "text/css; charset=utf-8";
 const SCRIPT: &str = "text/javascript; charset=utf-8";
 
@@ -232,17 +141,6 @@ async fn recording(State(app): State<App>, headers: HeaderMap, body: Bytes) -> R
     }
 }
 
-pub(super) fn is_json(headers: &HeaderMap) -> bool {
-    let content_type = headers
-        .get(header::CONTENT_TYPE)
-        .and_then(|v| v.to_str().ok());
-    content_type.is_some_and(|t| t.starts_with("application/json"))
-}
-
-pub(super) fn problem(status: StatusCode, text: &str) -> Response {
-    (status, Json(json!({ "error": text }))).into_response()
-}
-
 /// Streams the newest pictures. A slow client skips pictures and delays no other.
 async fn stream(State(app): State<App>) -> Response {
     let Ok(seat) = Arc::clone(&app.streams).try_acquire_owned() else {
@@ -301,29 +199,5 @@ async fn png_response(
     match cache.encoded(picture).await {
         Ok(png) => ([(header::CONTENT_TYPE, "image/png")], png).into_response(),
         Err(error) => (StatusCode::INTERNAL_SERVER_ERROR, error + "\n").into_response(),
-    }
-}
-
-/// The last PNG. The lock is held during encoding, so that several requests for the same picture cause
-/// one encoding.
-#[derive(Default)]
-struct PngCache {
-    newest: Mutex<Option<(Arc<Picture>, Bytes)>>,
-}
-
-impl PngCache {
-    async fn encoded(&self, picture: Arc<Picture>) -> Result<Bytes, String> {
-        let mut newest = self.newest.lock().await;
-        if let Some((_, png)) = newest.as_ref().filter(|(of, _)| Arc::ptr_eq(of, &picture)) {
-            return Ok(png.clone());
-        }
-        let source = Arc::clone(&picture);
-        let encoding = tokio::task::spawn_blocking(move || encode_png(&source));
-        let png = encoding
-            .await
-            .map_err(|e| e.to_string())?
-            .map_err(|e| e.to_string())?;
-        *newest = Some((picture, png.clone()));
-        Ok(png)
     }
 }

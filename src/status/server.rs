@@ -1,7 +1,8 @@
 //! The socket and its limits.
 
+use super::app::App;
 use super::guard::Token;
-use super::routes::{self, App};
+use super::routes;
 use super::shared::SharedStatus;
 use super::stall::StallGuard;
 use axum::Router;

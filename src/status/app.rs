@@ -1,0 +1,138 @@
+//! State that the HTTP routes share, the encoding of pictures for them, and common replies.
+
+use super::shared::SharedStatus;
+use crate::stream::{EncodeError, JpegEncoder, encode_png, stream_part};
+use axum::Json;
+use axum::body::Bytes;
+use axum::http::{HeaderMap, StatusCode, header};
+use axum::response::{IntoResponse, Response};
+use penumbra_picture::Picture;
+use serde_json::json;
+use std::sync::Arc;
+use std::time::Duration;
+use tokio::sync::{Mutex, Semaphore, watch};
+use tokio::time::{Instant, sleep_until};
+
+/// Maximum number of viewers.
+pub const MAX_STREAMS: usize = 16;
+/// JPEG quality of the stream.
+const STREAM_QUALITY: u8 = 85;
+/// Minimum interval between encoded pictures (30 Hz); more would take processor time from the rig.
+const STREAM_INTERVAL: Duration = Duration::from_millis(33);
+/// Content type of a page.
+pub(super) const HTML: &str = "text/html; charset=utf-8";
+
+/// State shared by the routes.
+#[derive(Clone)]
+pub struct App {
+    pub(super) shared: Arc<SharedStatus>,
+    pub(super) parts: watch::Sender<Option<Bytes>>,
+    encoder: Arc<std::sync::Mutex<JpegEncoder>>,
+    pub(super) streams: Arc<Semaphore>,
+    pub(super) snapshot_png: Arc<PngCache>,
+    pub(super) environment_png: Arc<PngCache>,
+}
+
+impl App {
+    /// Creates the state.
+    ///
+    /// # Errors
+    /// The JPEG encoder cannot allocate.
+    pub fn new(shared: Arc<SharedStatus>) -> Result<Self, EncodeError> {
+        let encoder = JpegEncoder::new(STREAM_QUALITY)?;
+        Ok(Self {
+            shared,
+            parts: watch::Sender::new(None),
+            encoder: Arc::new(std::sync::Mutex::new(encoder)),
+            streams: Arc::new(Semaphore::new(MAX_STREAMS)),
+            snapshot_png: Arc::default(),
+            environment_png: Arc::default(),
+        })
+    }
+
+    /// Encodes each new picture once for all viewers, and nothing without viewers.
+    pub async fn stream_pictures(&self) {
+        let mut watchers = self.shared.viewers();
+        let mut pictures = self.shared.pictures();
+        loop {
+            if *watchers.borrow_and_update() == 0 {
+                self.parts.send_replace(None);
+                if watchers.changed().await.is_err() {
+                    return;
+                }
+                // Whoever comes sees the picture there is, even if no other follows.
+                pictures.mark_changed();
+                continue;
+            }
+            tokio::select! {
+                _ = watchers.changed() => continue,
+                _ = pictures.changed() => {}
+            }
+            let next = Instant::now() + STREAM_INTERVAL;
+            let picture = pictures.borrow_and_update().clone();
+            if let Some(picture) = picture {
+                self.encode(picture).await;
+            }
+            sleep_until(next).await;
+        }
+    }
+
+    async fn encode(&self, picture: Arc<Picture>) {
+        let encoder = Arc::clone(&self.encoder);
+        let began = Instant::now();
+        let encoded = tokio::task::spawn_blocking(move || {
+            let mut encoder = encoder
+                .lock()
+                .unwrap_or_else(std::sync::PoisonError::into_inner);
+            encoder.encode(&picture).map(|jpeg| stream_part(&jpeg))
+        });
+        let error = match encoded.await {
+            Ok(Ok(part)) => {
+                self.parts.send_replace(Some(part));
+                self.shared.update(|s| {
+                    s.stream.encoded += 1;
+                    s.stages.record("encode", began.elapsed());
+                });
+                return;
+            }
+            Ok(Err(error)) => error.to_string(),
+            Err(error) => error.to_string(),
+        };
+        self.shared.update(|s| s.warn(&format!("stream: {error}")));
+    }
+}
+
+/// The last PNG. The lock is held during encoding, so that several requests for the same picture cause
+/// one encoding.
+#[derive(Default)]
+pub(super) struct PngCache {
+    newest: Mutex<Option<(Arc<Picture>, Bytes)>>,
+}
+
+impl PngCache {
+    pub async fn encoded(&self, picture: Arc<Picture>) -> Result<Bytes, String> {
+        let mut newest = self.newest.lock().await;
+        if let Some((_, png)) = newest.as_ref().filter(|(of, _)| Arc::ptr_eq(of, &picture)) {
+            return Ok(png.clone());
+        }
+        let source = Arc::clone(&picture);
+        let encoding = tokio::task::spawn_blocking(move || encode_png(&source));
+        let png = encoding
+            .await
+            .map_err(|e| e.to_string())?
+            .map_err(|e| e.to_string())?;
+        *newest = Some((picture, png.clone()));
+        Ok(png)
+    }
+}
+
+pub(super) fn is_json(headers: &HeaderMap) -> bool {
+    let content_type = headers
+        .get(header::CONTENT_TYPE)
+        .and_then(|v| v.to_str().ok());
+    content_type.is_some_and(|t| t.starts_with("application/json"))
+}
+
+pub(super) fn problem(status: StatusCode, text: &str) -> Response {
+    (status, Json(json!({ "error": text }))).into_response()
+}
