@@ -2,9 +2,9 @@
 
 use super::files;
 use super::show::set;
+use crate::cli::progress::progress_bar;
 use anyhow::anyhow;
 use clap::Args;
-use indicatif::{ProgressBar, ProgressStyle};
 use penumbra_compositor::Gpu;
 use penumbra_config::{Config, FREQUENCIES, lights_of_dome};
 use penumbra_rig::bake::{BakePlan, scene_to_bake};
@@ -103,10 +103,9 @@ pub fn run(args: &BakeArgs) -> anyhow::Result<ExitCode> {
     };
     let gpu = Gpu::open(config.gpu.adapter.as_deref())?;
     let begun = Instant::now();
-    let bar = progress_bar();
+    let bar = progress_bar("{eta}");
     let bake = plan.bake(&gpu, &scene, &config.planes, &mut |done, total| {
-        bar.set_length(total as u64);
-        bar.set_position(done as u64);
+        bar.set_position((1000 * done / total.max(1)) as u64);
         ControlFlow::Continue(())
     })?;
     bar.finish_and_clear();
@@ -132,15 +131,6 @@ pub fn run(args: &BakeArgs) -> anyhow::Result<ExitCode> {
 
 fn no_cache_folder() -> anyhow::Error {
     anyhow!("there is no folder for bakes, as $HOME is not set; name a file with --out")
-}
-
-/// Creates the progress bar. indicatif hides it if standard error is not a terminal.
-fn progress_bar() -> ProgressBar {
-    let bar = ProgressBar::new(0);
-    if let Ok(style) = ProgressStyle::with_template("{bar:40} {pos}/{len} {eta}") {
-        bar.set_style(style);
-    }
-    bar
 }
 
 /// Summary of a bake.

@@ -13,6 +13,7 @@ mod import;
 mod light;
 mod live;
 mod ports;
+mod progress;
 mod quiet;
 mod record;
 mod replay;

@@ -1,7 +1,7 @@
 //! `penumbra simulate`.
 
-use crate::cli::calibrate::progress_bar;
 use crate::cli::files::{JsonFile, claim};
+use crate::cli::progress::progress_bar;
 use anyhow::anyhow;
 use clap::{Args, Subcommand};
 use penumbra_calibration::simulation::{SimulatedRig, SimulationOptions};
@@ -113,7 +113,7 @@ fn session(args: SessionArgs) -> anyhow::Result<ExitCode> {
     if args.force && args.out.is_file() {
         std::fs::remove_file(&args.out)?;
     }
-    let bar = progress_bar();
+    let bar = progress_bar("{eta}");
     let simulation = SimulatedRig::new(args.rig);
     let report = |share: f64| bar.set_position((1000.0 * share) as u64);
     let ground_truth = record_simulation(&simulation, &args.out, report)?;

@@ -2,9 +2,10 @@
 
 use super::live::{self, LiveArgs};
 use crate::cli::files::{claim, write};
+use crate::cli::progress::progress_bar;
 use anyhow::{Context as _, anyhow, bail};
 use clap::Args;
-use indicatif::{ProgressBar, ProgressStyle};
+use indicatif::ProgressBar;
 use penumbra_calibration::step::{CalibrationProvenance, Finished, Progress, Step};
 use penumbra_config::Config;
 use penumbra_rig::RigFiles;
@@ -149,7 +150,7 @@ impl OutputArgs {
         feed: impl FnOnce(&mut S, &ProgressBar) -> anyhow::Result<usize>,
     ) -> anyhow::Result<ExitCode> {
         let destination = self.destination(step, false)?;
-        let bar = progress_bar();
+        let bar = progress_bar("{msg}");
         let damaged = feed(step, &bar)?;
         bar.finish_and_clear();
         if damaged > 0 {
@@ -284,13 +285,4 @@ fn print_result(found: &Finished) {
     for hint in &found.hints {
         crate::cli::say(format_args!("  next: {hint}"));
     }
-}
-
-/// Creates a progress bar of 1000 units; indicatif hides it if standard error is not a terminal.
-pub fn progress_bar() -> ProgressBar {
-    let bar = ProgressBar::new(1000);
-    if let Ok(style) = ProgressStyle::with_template("{bar:30} {percent} % {msg}") {
-        bar.set_style(style);
-    }
-    bar
 }

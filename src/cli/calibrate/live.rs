@@ -1,7 +1,7 @@
 //! Runs a calibration step on the live rig: opens the configured devices, shows a progress bar and
 //! the picture in a browser, and ends at Enter or Ctrl-C.
 
-use super::args::progress_bar;
+use crate::cli::progress::progress_bar;
 use crate::cli::show::{address, status_server};
 use anyhow::bail;
 use clap::Args;
@@ -152,7 +152,7 @@ fn observe(
     let tracker = live.files.document(config).ok();
     let tracker = tracker.and_then(|rig| rig.calibration.tracker);
     let wants = step.inputs();
-    let bar = progress_bar();
+    let bar = progress_bar("{msg}");
     if std::io::stderr().is_terminal() {
         crate::cli::say("Enter or Ctrl-C finishes the step; Ctrl-C again aborts");
     }

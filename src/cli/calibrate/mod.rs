@@ -15,8 +15,6 @@ mod tags;
 mod tracker;
 mod verify;
 
-pub use args::progress_bar;
-
 use clap::{Args, Subcommand};
 use std::process::ExitCode;
 
