@@ -4,14 +4,18 @@ use glam::{DQuat, DVec2, DVec3};
 use penumbra_camera::PinholeCamera;
 use penumbra_interface::RigidTransform;
 use penumbra_numerics::fixed_size::{Matrix, inverse, solve};
+use penumbra_numerics::{Stop, descend};
 
 /// Reprojection error beyond which a corner's weight decreases (Huber 1964), pixels.
 const HUBER: f64 = 0.5;
 /// Minimum standard deviation of a corner, pixels: with four corners and six unknowns, residuals
 /// alone are not informative.
 const MIN_SIGMA: f64 = 0.05;
-/// Maximum number of iterations.
-const MAX_ITERATIONS: usize = 25;
+/// End of the refinement.
+const STOP: Stop = Stop {
+    iterations: 25,
+    min_gain: 1e-9,
+};
 
 /// A corner in space and its picture.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -139,7 +143,7 @@ fn moved(pose: RigidTransform, by: &[f64; 6]) -> RigidTransform {
 }
 
 /// Refines the pose (`camera_from_` the corners' frame) from `start` to the minimum robust
-/// reprojection error (Levenberg 1944, Marquardt 1963). `None` with fewer than four corners, or if
+/// reprojection error (Huber 1964). `None` with fewer than four corners, or if
 /// `start` puts a corner behind the camera.
 #[must_use]
 pub fn refine(
@@ -150,29 +154,18 @@ pub fn refine(
     if matches.len() < 4 {
         return None;
     }
-    let mut pose = start;
-    let mut now = cost(camera, pose, matches)?;
-    let mut damping = 1e-4;
-    for _ in 0..MAX_ITERATIONS {
-        let (a, b) = normal(camera, pose, matches)?;
-        let mut damped = a;
-        for (i, row) in damped.iter_mut().enumerate() {
-            row[i] *= 1.0 + damping;
-        }
-        let step = solve(&damped, &b)?;
-        let next = moved(pose, &step);
-        match cost(camera, next, matches) {
-            Some(better) if better < now => {
-                let gained = now - better;
-                (pose, now, damping) = (next, better, damping * 0.2);
-                if gained < 1e-9 * now.max(1e-12) {
-                    break;
-                }
+    let (pose, ()) = descend(
+        start,
+        STOP,
+        |pose| Some((cost(camera, *pose, matches)?, ())),
+        |pose, (), damping| {
+            let (mut a, b) = normal(camera, *pose, matches)?;
+            for (i, row) in a.iter_mut().enumerate() {
+                row[i] *= 1.0 + damping;
             }
-            _ if damping > 1e6 => break,
-            _ => damping *= 8.0,
-        }
-    }
+            Some(moved(*pose, &solve(&a, &b)?))
+        },
+    )?;
     estimate(camera, pose, matches)
 }
 

@@ -8,6 +8,7 @@
 
 use super::{DomeLight, LightKind, sources::LUMINANCE};
 use glam::Vec3;
+use penumbra_numerics::smoothstep;
 use std::f32::consts::TAU;
 
 /// The direction from which relief in the picture is lit.
@@ -131,9 +132,7 @@ fn shifted(d: Vec3, lights: &[DomeLight], ambient: f32) -> Vec3 {
 /// 0 for directions of one group, 1 for those of two.
 fn apart(a: Vec3, b: Vec3) -> f32 {
     let angle = a.dot(b).clamp(-1.0, 1.0).acos();
-    let t =
-        ((angle - SAME_GROUP_RADIANS) / (TWO_GROUPS_RADIANS - SAME_GROUP_RADIANS)).clamp(0.0, 1.0);
-    t * t * (3.0 - 2.0 * t)
+    smoothstep(SAME_GROUP_RADIANS, TWO_GROUPS_RADIANS, angle)
 }
 
 /// Time constant of the smoothing, seconds.

@@ -20,6 +20,7 @@ use super::light::{CompactSourceSpecular, CubeMap, MAX_COMPACT_SOURCES, MAX_LEVE
 use super::lobes::{Family, nearest_level, own_width, phong_exponent, widths};
 use super::sources::LUMINANCE;
 use glam::Vec3;
+use penumbra_numerics::smoothstep;
 use std::f32::consts::PI;
 
 /// Ratio of a source's radius to the lobe's width at which it is left out entirely, and not at all.
@@ -87,10 +88,10 @@ fn describe(
         .map(|(d, _, f)| d.distance_squared(direction) * f)
         .sum();
     let radius = (2.0 * spread / bright).sqrt();
-    let counts = smoothstep(SHARE, bright / total.max(f32::MIN_POSITIVE));
+    let counts = smoothstep(SHARE.0, SHARE.1, bright / total.max(f32::MIN_POSITIVE));
     let mut weights = [0.0; MAX_LEVELS];
     for (weight, w) in weights[1..].iter_mut().zip(widths) {
-        *weight = counts * (1.0 - smoothstep(SMALL, radius / w));
+        *weight = counts * (1.0 - smoothstep(SMALL.0, SMALL.1, radius / w));
     }
     let source = CompactSourceSpecular {
         direction,
@@ -199,12 +200,6 @@ impl<'a> CompleteMap<'a> {
             .map(of);
         sample(self.map, level, direction) + sources.sum::<Vec3>()
     }
-}
-
-/// Hermite interpolation from 0 at `low` to 1 at `high`.
-pub(super) fn smoothstep((low, high): (f32, f32), x: f32) -> f32 {
-    let t = ((x - low) / (high - low)).clamp(0.0, 1.0);
-    t * t * (3.0 - 2.0 * t)
 }
 
 #[cfg(test)]

@@ -2,7 +2,6 @@
 
 use super::adaptive::{AdaptiveDome, CompactSource};
 use super::clipped::boost;
-use super::compact_source_specular::smoothstep;
 use super::cube::{CubeGrid, halve, texel_of};
 use super::dome::{DomeGrid, ground_irradiance};
 use super::harmonics::{HarmonicsTable, blurred, pin_upward};
@@ -25,6 +24,7 @@ use penumbra_camera::PlacedView;
 use penumbra_camera::Response;
 use penumbra_camera::Vignetting;
 use penumbra_interface::MonotonicTime;
+use penumbra_numerics::smoothstep;
 use std::sync::Arc;
 
 /// Side of the map from which dome lights are made, texels.
@@ -347,7 +347,7 @@ impl EnvironmentEstimator {
     /// Returns the radiance assumed for the unseen part of a texel.
     fn unseen(&self, texel: usize, around: &[Vec3], ground_radiance: Vec3) -> Vec3 {
         let up = if self.ground_below() {
-            smoothstep((GROUND_FROM, 0.02), self.grid.directions[texel].z)
+            smoothstep(GROUND_FROM, 0.02, self.grid.directions[texel].z)
         } else {
             1.0
         };

@@ -2,6 +2,10 @@
 
 use crate::matrix::Matrix;
 
+/// Damping of the first step.
+const FIRST_DAMPING: f64 = 1e-3;
+/// Minimum damping.
+const MIN_DAMPING: f64 = 1e-12;
 /// Damping at which the search ends without a better step.
 const MAX_DAMPING: f64 = 1e12;
 
@@ -59,40 +63,69 @@ pub struct Minimum<S> {
     pub normal: NormalEquations,
 }
 
-/// Minimises a sum of squares from `start` (Levenberg 1944, Marquardt 1963). `linearise` returns the
-/// normal equations at a state, or `None` at an invalid one; `apply` adds a step to a state. Ends
-/// after `iterations` accepted steps, or when the cost decreases by less than 1e-12 of itself.
-/// Returns `None` if `start` is invalid.
-pub fn minimise<S: Clone>(
+/// When [`descend`] ends, unless no step decreases the cost any more.
+#[derive(Clone, Copy, Debug)]
+pub struct Stop {
+    /// Number of accepted steps.
+    pub iterations: usize,
+    /// Decrease of the cost in one step, as a share of the cost.
+    pub min_gain: f64,
+}
+
+/// Minimises a cost from `start` by damped Gauss–Newton steps (Levenberg 1944, Marquardt 1963).
+/// `linearise` returns the cost at a state, and whatever `step` needs of it, or `None` at an invalid
+/// state. `step` returns the state after a step with a damping, the factor by which the diagonal of
+/// the normal equations is increased; `None` if they cannot be solved. Returns `None` if `start` is
+/// invalid.
+pub fn descend<S, L>(
+    start: S,
+    stop: Stop,
+    mut linearise: impl FnMut(&S) -> Option<(f64, L)>,
+    mut step: impl FnMut(&S, &L, f64) -> Option<S>,
+) -> Option<(S, L)> {
+    let (mut cost, mut here) = linearise(&start)?;
+    let (mut state, mut damping) = (start, FIRST_DAMPING);
+    for _ in 0..stop.iterations {
+        let mut better = None;
+        while better.is_none() && damping < MAX_DAMPING {
+            better = step(&state, &here, damping)
+                .and_then(|s| linearise(&s).map(|(c, l)| (s, c, l)))
+                .filter(|(_, c, _)| c.is_finite() && *c <= cost);
+            damping *= if better.is_some() { 0.1 } else { 10.0 };
+        }
+        damping = damping.max(MIN_DAMPING);
+        let Some((next, next_cost, at_next)) = better else {
+            break;
+        };
+        let done = cost - next_cost <= stop.min_gain * cost;
+        (state, cost, here) = (next, next_cost, at_next);
+        if done {
+            break;
+        }
+    }
+    Some((state, here))
+}
+
+/// Minimises a sum of squares from `start` by [`descend`]. `linearise` returns the normal equations
+/// at a state, or `None` at an invalid one; `apply` adds a step to a state. Ends after `iterations`
+/// accepted steps, or when the cost decreases by less than 1e-12 of itself. Returns `None` if
+/// `start` is invalid.
+pub fn minimise<S>(
     start: S,
     iterations: usize,
     linearise: impl Fn(&S) -> Option<NormalEquations>,
     apply: impl Fn(&S, &[f64]) -> S,
 ) -> Option<Minimum<S>> {
-    let mut normal = linearise(&start)?;
-    let (mut state, mut damping) = (start, 1e-3);
-    for _ in 0..iterations {
-        let mut better = None;
-        while damping < MAX_DAMPING {
-            let tried = normal.step(damping).map(|step| apply(&state, &step));
-            let tried = tried.and_then(|s| linearise(&s).map(|n| (s, n)));
-            match tried.filter(|(_, n)| n.cost.is_finite() && n.cost <= normal.cost) {
-                Some(found) => {
-                    better = Some(found);
-                    break;
-                }
-                None => damping *= 10.0,
-            }
-        }
-        let Some((next, at_next)) = better else { break };
-        let gain = normal.cost - at_next.cost;
-        let done = gain <= 1e-12 * normal.cost;
-        (state, normal) = (next, at_next);
-        damping = (damping * 0.1).max(1e-12);
-        if done {
-            break;
-        }
-    }
+    let stop = Stop {
+        iterations,
+        min_gain: 1e-12,
+    };
+    let (state, normal) = descend(
+        start,
+        stop,
+        |s| linearise(s).map(|n| (n.cost, n)),
+        |s, n, damping| n.step(damping).map(|step| apply(s, &step)),
+    )?;
     Some(Minimum { state, normal })
 }
 

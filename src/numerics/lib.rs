@@ -13,7 +13,7 @@ mod statistics;
 
 pub use eigen::{null_vector, symmetric_eigen};
 pub use interpolation::smoothstep;
-pub use levenberg_marquardt::{Minimum, NormalEquations, minimise};
+pub use levenberg_marquardt::{Minimum, NormalEquations, Stop, descend, minimise};
 pub use matrix::{Cholesky, Matrix};
 pub use random::Random;
 pub use rotation::rotation_vector;
