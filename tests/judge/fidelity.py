@@ -3,11 +3,11 @@
 
 The bundled sessions are judged always, the rigs in --truth if they are there; a missing rig is named
 as SKIPPED. For each: `penumbra import` (of a copy without the truth), `penumbra replay --headless
---speed max --frames-out`, then tests/judge/judge.py. A second replay with `--technique shadowing-planes` gives a row
-beside that of the light dome; the bars hold for the dome alone.
+--speed max --frames-out`, then tests/judge/judge.py. Each rig is replayed with both techniques, image-based-shadowing and
+shadowing-planes; the bars hold for the first alone.
 
     tests/judge/fidelity.py                                  all rigs, the table on stdout
-    tests/judge/fidelity.py --no-planes                      only the rows of the dome
+    tests/judge/fidelity.py --no-planes                      only the rows of image-based-shadowing
     tests/judge/fidelity.py --sessions desk.mcap,desk --every 4 --jobs 2
     tests/judge/fidelity.py --extra "--lights grid" --extra "desk-marker: --config sphere.toml"
     tests/judge/fidelity.py --write                          the table into docs/src/results/fidelity.md
@@ -34,7 +34,7 @@ from tables import RESULTS, write_between
 REQUIREMENTS = Path(__file__).with_name("requirements-judge.txt")
 PACKAGES = ["numpy", "PIL"]
 # Row -> suffix of its files' names, further arguments of `penumbra replay`.
-TECHNIQUES = {"dome": ("", []), "planes": ("-planes", ["--technique", "shadowing-planes"])}
+TECHNIQUES = {"image-based-shadowing": ("", []), "shadowing-planes": ("-planes", ["--technique", "shadowing-planes"])}
 # Column of judge.py, heading of the table, digits.
 COLUMNS = [
     ("rmse_shadow", "RMSEshd", 2), ("s_err", "s_err", 4), ("s_bias", "s_bias", 4),
@@ -108,7 +108,7 @@ def extra_arguments(extra: list[str], rig: str) -> list[str]:
 def techniques(rig: Rig, a: argparse.Namespace) -> list[str]:
     """Techniques to replay with; only one where --extra chooses it."""
     chosen = any(argument.split("=")[0] == "--technique" for argument in extra_arguments(a.extra, rig.name))
-    return ["dome"] if a.no_planes or chosen else list(TECHNIQUES)
+    return ["image-based-shadowing"] if a.no_planes or chosen else list(TECHNIQUES)
 
 
 def gain_error(rig: Rig, report: Path) -> list[float] | None:
@@ -152,17 +152,17 @@ def attempt(rig: Rig, a: argparse.Namespace) -> Result | None:
 
 
 def bars(result: Result) -> list[tuple[str, float, float]]:
-    """(figure, reached, allowed) for each bar; they hold for the dome."""
-    dome, without = result.rows["dome"], result.rows["without"]
+    """(figure, reached, allowed) for each bar; they hold for image-based shadowing."""
+    ours, without = result.rows["image-based-shadowing"], result.rows["without"]
     found = [
-        ("s_err", dome["s_err"], without["s_err"] / 3),
-        ("abs s_bias", abs(dome["s_bias"]), 0.015),
-        ("dE", dome["dE"], 0.45 * without["dE"]),
+        ("s_err", ours["s_err"], without["s_err"] / 3),
+        ("abs s_bias", abs(ours["s_bias"]), 0.015),
+        ("dE", ours["dE"], 0.45 * without["dE"]),
     ]
-    if "dE_object" in dome:
-        found.append(("dE_obj", dome["dE_object"], 5.0))
+    if "dE_object" in ours:
+        found.append(("dE_obj", ours["dE_object"], 5.0))
     if result.name == "desk-lamp":
-        found += [("l_err", dome.get("l_err", math.inf), 0.08), ("dE_lit", dome.get("dE_lit", math.inf), 3.0)]
+        found += [("l_err", ours.get("l_err", math.inf), 0.08), ("dE_lit", ours.get("dE_lit", math.inf), 3.0)]
     if result.gain_error_percent:
         found.append(("gain error %", max(map(abs, result.gain_error_percent)), 3.0))
     return found

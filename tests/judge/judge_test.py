@@ -168,7 +168,7 @@ class Bars(unittest.TestCase):
     GOOD = {"s_err": 0.09, "s_bias": -0.01, "dE": 4.0, "dE_object": 4.0}
 
     def reached(self, gains: list[float] | None = None, name: str = "desk", **worse: float) -> bool:
-        return fidelity.bars_table([fidelity.Result(name, {"dome": self.GOOD | worse, "without": self.WITHOUT}, gains)])[1]
+        return fidelity.bars_table([fidelity.Result(name, {"image-based-shadowing": self.GOOD | worse, "without": self.WITHOUT}, gains)])[1]
 
     def test_each_bar_can_be_missed(self) -> None:
         self.assertTrue(self.reached([1.0, 0.0, -2.0]))
