@@ -1,6 +1,6 @@
 //! A frame that is ready for the compositor.
 
-use crate::display::Shown;
+use crate::display::DisplayPrediction;
 use crate::feed::FeedCounts;
 use crate::latency_monitor::LatencyState;
 use crate::light::state::LightState;
@@ -26,8 +26,8 @@ pub struct PreparedFrame {
     pub registration: RegistrationStatus,
     /// How the camera moved while it read the picture, where its shutter rolls.
     pub rolling: Option<RollingShutter>,
-    /// Where it will be when the picture is seen, if it is to be shown for that instant.
-    pub shown: Option<Shown>,
+    /// The predicted pose at the instant of display, if prediction is configured.
+    pub display: Option<DisplayPrediction>,
     /// Error of the tracker's own pose at this instant: millimetres, degrees, and pixels amid
     /// the virtual objects.
     pub tracker_sigma: Option<[f64; 3]>,

@@ -80,7 +80,7 @@ impl Scenes {
 
     /// Shows a changed scene as soon as possible: with shadowing planes, when its bake is ready or has
     /// failed.
-    pub fn attend(
+    pub fn update(
         &mut self,
         context: &RunContext,
         settings: &Settings,
@@ -94,7 +94,7 @@ impl Scenes {
         }
         let wanted = self.next.as_ref().map_or(&self.shown, |next| &next.scene);
         let wanted = wanted.clone();
-        if planes.attend(context, settings, (&wanted, &self.shown), compositor)?
+        if planes.update(context, settings, (&wanted, &self.shown), compositor)?
             && let Some(next) = self.next.take()
         {
             compositor.show_scene(next.uploaded);
@@ -106,8 +106,8 @@ impl Scenes {
             warn_of(context, &self.shown);
             self.status.loads += 1;
         }
-        if self.turn != planes.turn() {
-            self.turn = planes.turn();
+        if self.turn != planes.dome_rotation() {
+            self.turn = planes.dome_rotation();
             self.news.tell_turn(self.turn.as_quat());
         }
         Ok(())

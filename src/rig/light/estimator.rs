@@ -7,7 +7,7 @@ use crate::light::scene_tables::{RealLight, SceneLight, hides};
 use crate::light::state::LightState;
 use crate::light::surfaces::{GroundRadiance, PhantomSurfaces};
 use crate::light::view::{SceneView, SphereAt};
-use crate::registration::UNTOLD_SIGMA;
+use crate::registration::DEFAULT_SPHERE_SIGMA;
 use crate::setup::RigSetup;
 use glam::{DVec3, Mat3, Quat, Vec3};
 use penumbra_camera::EnvironmentView;
@@ -363,7 +363,7 @@ fn ball(scene: &SceneView<'_>, rig: &RigCalibration) -> Option<SpherePosition> {
         (SphereAt::Calibrated, Some(EnvironmentView::SphereInScene { sphere })) => {
             Some(SpherePosition {
                 centre_in_world: sphere.centre_in_world,
-                sigma: UNTOLD_SIGMA,
+                sigma: DEFAULT_SPHERE_SIGMA,
             })
         }
         _ => None,
