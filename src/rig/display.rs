@@ -101,7 +101,8 @@ impl DisplayPredictor {
         }
     }
 
-    /// Predicts the camera's pose when `frame` is displayed; `None` if its pose or motion is unknown.
+    /// Predicts the camera's pose when `frame` is displayed; `None` if its pose or motion is
+    /// unknown.
     pub fn predict(
         &mut self,
         setup: &RigSetup,
@@ -180,8 +181,8 @@ impl DisplayPredictor {
         (output_at.offset_nanos(-latency), output_at)
     }
 
-    /// Returns the camera's motion by the tracker from the exposure until `at`, from the readings up
-    /// to `known`, and its standard deviations over all axes, metres and radians.
+    /// Returns the camera's motion by the tracker from the exposure until `at`, from the readings
+    /// up to `known`, and its standard deviations over all axes, metres and radians.
     fn tracked_motion(
         &self,
         setup: &RigSetup,

@@ -24,8 +24,8 @@ pub struct PreparedFrame {
     pub world_from_camera: Option<RigidTransform>,
     /// Where that pose comes from.
     pub registration: RegistrationStatus,
-    /// How the camera moved while it read the picture, where its shutter rolls.
-    pub rolling: Option<RollingShutter>,
+    /// The camera's motion during the readout, if it has a rolling shutter.
+    pub rolling_shutter: Option<RollingShutter>,
     /// The predicted pose at the instant of display, if prediction is configured.
     pub display: Option<DisplayPrediction>,
     /// Error of the tracker's own pose at this instant: millimetres, degrees, and pixels amid

@@ -135,8 +135,8 @@ impl PlaneBakes {
         }
     }
 
-    /// Returns how well the active bake fits `wanted`, and moves it if a motion suffices. A bake that
-    /// does not fit stays in place for the scene that is shown.
+    /// Returns how well the active bake fits `wanted`, and moves it if a motion suffices. A bake
+    /// that does not fit stays in place for the scene that is shown.
     fn fit_to(&mut self, wanted: &Arc<Scene>, compositor: &mut Compositor) -> Fit {
         let Some(active) = &mut self.active else {
             return Fit::None;
@@ -224,7 +224,8 @@ impl PlaneBakes {
         }
     }
 
-    /// Activates a finished bake, waiting up to `timeout`. Returns whether a bake finished or failed.
+    /// Activates a finished bake, waiting up to `timeout`. Returns whether a bake finished or
+    /// failed.
     ///
     /// # Errors
     /// The bake failed, and `strict`.
@@ -333,8 +334,8 @@ impl ActivePlanes {
     }
 }
 
-/// Returns whether all shadows of `scene` move with its model: the real scene is level ground alone,
-/// and the model has stayed upright on it.
+/// Returns whether all shadows of `scene` move with its model: the real scene is level ground
+/// alone, and the model has stayed upright on it.
 fn shadows_move_along(scene: &Scene, motion: RigidTransform) -> bool {
     is_level(motion) && solid_phantoms(scene).next().is_none()
 }

@@ -302,31 +302,31 @@ impl Worker {
             predictor.predict(setup, tracker, &frame, world_from_camera, &registration)
         });
         registration.display = display.map(|prediction| prediction.status);
-        let rolling = self.rolling_shutter(&frame, world_from_camera);
+        let rolling_shutter = self.rolling_shutter(&frame, world_from_camera);
         let tracker_sigma = self.tracker_sigma(&frame, world_from_camera);
         let request = LightRequest {
-            ball: sphere,
+            sphere,
             ..LightRequest::new(&frame, seconds, world_from_camera)
         };
-        if let Some(record) = self.lights.see(&request, &picture, entry) {
+        if let Some(record) = self.lights.schedule(&request, &picture, entry) {
             self.journal.write(request.arrived_at, record);
         }
         let counts = self.counts(false);
-        let light = self.lights.in_force();
+        let light = self.lights.active_light();
         PreparationEvent::Frame(Box::new(PreparedFrame {
             index: frame.index,
             seconds,
             picture,
             world_from_camera,
             registration,
-            rolling,
+            rolling_shutter,
             display,
             tracker_sigma,
             light: light.state.clone(),
             decoding,
             lighting: light.took,
             preview: light.preview.take(),
-            warning: mismatch.or(light.unseen.take()),
+            warning: mismatch.or(light.picture_error.take()),
             skipped,
             counts,
             frame,
@@ -450,11 +450,11 @@ fn light_scheduler(
     let frequency = config.planes.frequency;
     let updater = LightUpdater::new(estimator, requested, technique, frequency, scene_updates);
     match source {
-        Source::Live(_) => LightScheduler::beside(updater),
+        Source::Live(_) => LightScheduler::live(updater),
         Source::Recorded(_) if pairs_as_live(config, source) => {
-            Ok(LightScheduler::as_noted(updater))
+            Ok(LightScheduler::from_journal(updater))
         }
-        Source::Recorded(_) => Ok(LightScheduler::own(updater)),
+        Source::Recorded(_) => Ok(LightScheduler::per_frame(updater)),
     }
 }
 

@@ -249,8 +249,8 @@ pub(crate) fn scene_centre(scene: &Scene, tags: Option<&TagMap>) -> DVec3 {
 }
 
 impl MarkedSphere {
-    /// Returns the sphere's centre, camera space, metres. `None` if its marker is missing, or if two
-    /// markers have its number.
+    /// Returns the sphere's centre, camera space, metres. `None` if its marker is missing, or if
+    /// two markers have its number.
     fn find(&mut self, camera: &PinholeCamera, seen: &[TagObservation]) -> Option<DVec3> {
         let SphereMarker {
             family,

@@ -203,8 +203,8 @@ impl Run {
         Ok(())
     }
 
-    /// Handles a pause without pictures: keeps the last picture on the screen, or a black one if there
-    /// was none, and updates the status.
+    /// Handles a pause without pictures: keeps the last picture on the screen, or a black one if
+    /// there was none, and updates the status.
     ///
     /// # Errors
     /// The compositor fails.
@@ -257,13 +257,13 @@ impl Run {
             picture: &prepared.picture,
             camera: &scene_camera.camera,
             vignetting: scene_camera.vignetting,
-            rolling_shutter: prepared.rolling,
+            rolling_shutter: prepared.rolling_shutter,
             world_from_camera: prepared.world_from_camera,
             reprojection: prepared.display.map(|display| display.reprojection),
             lighting: prepared.light.lighting.as_deref(),
             indirect_light: prepared
                 .light
-                .near
+                .indirect
                 .as_deref()
                 .filter(|_| settings.indirect_light),
             lamps: &self.lamps,

@@ -58,8 +58,8 @@ impl DeviceObserver {
 pub struct RigFiles(Vec<Attachment>);
 
 impl RigFiles {
-    /// Loads the files of the folder or session named by the configuration's `calibration`; empty if
-    /// there is none.
+    /// Loads the files of the folder or session named by the configuration's `calibration`; empty
+    /// if there is none.
     ///
     /// # Errors
     /// The path is neither a folder nor a session, or a file in it cannot be read.
@@ -115,8 +115,8 @@ impl RigFiles {
         Some(&found.data)
     }
 
-    /// Parses the description of the rig. Without a `rig.json`, it consists of the calibration files
-    /// and default values.
+    /// Parses the description of the rig. Without a `rig.json`, it consists of the calibration
+    /// files and default values.
     ///
     /// # Errors
     /// A file is invalid.
@@ -136,8 +136,8 @@ impl RigFiles {
 }
 
 impl Live {
-    /// Creates the configured devices without opening them. `composed`: their pictures are composed,
-    /// not only recorded.
+    /// Creates the configured devices without opening them. `composed`: their pictures are
+    /// composed, not only recorded.
     ///
     /// # Errors
     /// The rig's files cannot be read, or the configured unit of the tracker contradicts its
@@ -248,8 +248,8 @@ impl Source {
         }
     }
 
-    /// Returns the share of a recording, 0..=1, that arrived by `at`; `None` for live devices and for
-    /// a recording without duration.
+    /// Returns the share of a recording, 0..=1, that arrived by `at`; `None` for live devices and
+    /// for a recording without duration.
     #[must_use]
     pub fn share_played(&self, at: MonotonicTime) -> Option<f64> {
         match self {

@@ -87,7 +87,8 @@ fn fixed_sphere_has_uncertainty_of_pose_and_needs_a_pose() {
         sphere.sigma
     );
     assert_eq!(result.status.source, RegistrationSource::Markers);
-    // Hidden markers: no pose and no light from this picture, but the sphere's position stays known.
+    // Hidden markers: no pose and no light from this picture, but the sphere's position stays
+    // known.
     let hidden = registration.register(&picture(&[]), UNTRACKED, at(1));
     assert!(hidden.world_from_camera.is_none());
     assert!(hidden.sphere.is_none() && !hidden.is_sphere_lost);
