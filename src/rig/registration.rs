@@ -133,11 +133,9 @@ impl TagRegistration {
                 .as_ref()
                 .filter(unambiguous)
                 .map(|f| f.map_from_camera);
+            let marker_pose = found.map(|f| f.map_from_camera);
             (result.world_from_camera, result.status) = match &mut self.hybrid {
-                None => (
-                    found.map(|f| f.map_from_camera),
-                    marker_status(found.as_ref()),
-                ),
+                None => (marker_pose, marker_status(found.as_ref())),
                 Some(hybrid) => {
                     // A guessed pose does not correct the tracker, but is better than no pose.
                     let usable = found
