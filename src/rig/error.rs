@@ -24,15 +24,15 @@ pub enum RigError {
     /// What is known of the rig cannot be used.
     #[error(transparent)]
     RigFiles(#[from] RigFilesError),
-    /// The tracker would be told another unit than it was calibrated in.
+    /// The tracker's configured unit differs from that of its calibration.
     #[error(
-        "tracker.units: {told:?}, but by the calibration a unit is {metres} m; remove `units`, or \
-         calibrate anew"
+        "tracker.units: {configured:?}, but the calibration uses a unit of {metres} m; remove `units`, \
+         or recalibrate"
     )]
     Units {
-        /// What the configuration says.
-        told: penumbra_config::TrackerUnits,
-        /// What the calibration says, metres.
+        /// The configured unit.
+        configured: penumbra_config::TrackerUnits,
+        /// The unit of the calibration, metres.
         metres: f64,
     },
     /// Pictures to calibrate from.

@@ -1,6 +1,6 @@
 //! A frame that is ready for the compositor.
 
-use crate::display::Shown;
+use crate::display::DisplayPrediction;
 use crate::feed::FeedCounts;
 use crate::latency_monitor::LatencyState;
 use crate::light::state::LightState;
@@ -24,10 +24,10 @@ pub struct PreparedFrame {
     pub world_from_camera: Option<RigidTransform>,
     /// Where that pose comes from.
     pub registration: RegistrationStatus,
-    /// How the camera moved while it read the picture, where its shutter rolls.
-    pub rolling: Option<RollingShutter>,
-    /// Where it will be when the picture is seen, if it is to be shown for that instant.
-    pub shown: Option<Shown>,
+    /// The camera's motion during the readout, if it has a rolling shutter.
+    pub rolling_shutter: Option<RollingShutter>,
+    /// The predicted pose at the instant of display, if prediction is configured.
+    pub display: Option<DisplayPrediction>,
     /// Error of the tracker's own pose at this instant: millimetres, degrees, and pixels amid
     /// the virtual objects.
     pub tracker_sigma: Option<[f64; 3]>,

@@ -56,12 +56,12 @@ impl PoseFile {
             write!(file, ",{},{answer}", registration.source.name())?;
             let r = registration;
             write_sigmas(file, [r.sigma_mm, r.sigma_deg, r.sigma_px])?;
-            match prepared.shown {
-                Some(shown) => write!(file, ",{}", shown.at.as_nanos())?,
+            match prepared.display {
+                Some(display) => write!(file, ",{}", display.at.as_nanos())?,
                 None => write!(file, ",")?,
             }
             let display = registration.display.unwrap_or_default();
-            write_pose(file, prepared.shown.map(|s| s.world_from_camera))?;
+            write_pose(file, prepared.display.map(|d| d.world_from_camera))?;
             let sigmas = [display.sigma_mm, display.sigma_deg, display.sigma_px];
             write_sigmas(file, sigmas)?;
             writeln!(file)

@@ -20,8 +20,8 @@ pub(super) struct Scenes {
     /// The next scene, whose bake is not ready yet.
     next: Option<Box<Loaded>>,
     reload: Option<Reload>,
-    news: SceneUpdates,
-    turn: DQuat,
+    scene_updates: SceneUpdates,
+    dome_rotation: DQuat,
     status: SceneStatus,
 }
 
@@ -33,7 +33,7 @@ impl Scenes {
     pub fn new(
         context: &RunContext,
         compositor: &mut Compositor,
-        news: SceneUpdates,
+        scene_updates: SceneUpdates,
     ) -> Result<Self, RigError> {
         let scene = &context.setup.scene;
         compositor.set_scene(scene, &penumbra_scene::casters(scene));
@@ -62,8 +62,8 @@ impl Scenes {
             shown,
             next: None,
             reload,
-            news,
-            turn: DQuat::IDENTITY,
+            scene_updates,
+            dome_rotation: DQuat::IDENTITY,
             status,
         })
     }
@@ -78,9 +78,9 @@ impl Scenes {
         &self.status
     }
 
-    /// Shows a changed scene as soon as possible: with shadowing planes, when its bake is ready or has
-    /// failed.
-    pub fn attend(
+    /// Shows a changed scene as soon as possible: with shadowing planes, when its bake is ready or
+    /// has failed.
+    pub fn update(
         &mut self,
         context: &RunContext,
         settings: &Settings,
@@ -94,11 +94,11 @@ impl Scenes {
         }
         let wanted = self.next.as_ref().map_or(&self.shown, |next| &next.scene);
         let wanted = wanted.clone();
-        if planes.attend(context, settings, (&wanted, &self.shown), compositor)?
+        if planes.update(context, settings, (&wanted, &self.shown), compositor)?
             && let Some(next) = self.next.take()
         {
             compositor.show_scene(next.uploaded);
-            self.news.tell_scene(next.light);
+            self.scene_updates.set_scene(next.light);
             let old = std::mem::replace(&mut self.shown, next.scene);
             context.status.update(|s| {
                 old.warnings.iter().for_each(|text| s.clear_warning(text));
@@ -106,9 +106,10 @@ impl Scenes {
             warn_of(context, &self.shown);
             self.status.loads += 1;
         }
-        if self.turn != planes.turn() {
-            self.turn = planes.turn();
-            self.news.tell_turn(self.turn.as_quat());
+        if self.dome_rotation != planes.dome_rotation() {
+            self.dome_rotation = planes.dome_rotation();
+            self.scene_updates
+                .set_dome_rotation(self.dome_rotation.as_quat());
         }
         Ok(())
     }
