@@ -277,7 +277,7 @@ impl Step for LatencyStep {
         }
     }
 
-    fn finish(&mut self, made: &CalibrationProvenance) -> Finished {
+    fn finish(&mut self, provenance: &CalibrationProvenance) -> Finished {
         let offsets = self.offsets();
         let mut findings = self.assess(offsets.as_ref());
         let grade = grade(&mut findings);
@@ -289,9 +289,9 @@ impl Step for LatencyStep {
             report: String::new(),
             file: None,
         };
-        found.report = self.report(made, &found, offsets.as_ref());
+        found.report = self.report(provenance, &found, offsets.as_ref());
         if grade != Grade::Refused {
-            let header = found.header("latency", made);
+            let header = found.header("latency", provenance);
             let record = offsets.and_then(|o| self.record(&o, header));
             found.file = record.and_then(|r| serde_json::to_string_pretty(&r).ok());
         }

@@ -12,12 +12,12 @@ const STEP: f64 = 0.002;
 impl LatencyStep {
     pub(super) fn report(
         &self,
-        made: &CalibrationProvenance,
+        provenance: &CalibrationProvenance,
         found: &Finished,
         offsets: Option<&Offsets>,
     ) -> String {
         let facts = [
-            format!("{}, from {}", made.date, made.source),
+            format!("{}, from {}", provenance.date, provenance.source),
             format!(
                 "{} pictures, {} with poses; {} tracker readings",
                 self.scene.pictures,

@@ -319,7 +319,7 @@ impl Step for MountingStep {
         }
     }
 
-    fn finish(&mut self, made: &CalibrationProvenance) -> Finished {
+    fn finish(&mut self, provenance: &CalibrationProvenance) -> Finished {
         let result = self.solve();
         let mut findings = match &result {
             Ok(result) => self.assess(result),
@@ -336,9 +336,9 @@ impl Step for MountingStep {
             report: String::new(),
             file: None,
         };
-        found.report = self.report(made, &found, result.as_ref().ok());
+        found.report = self.report(provenance, &found, result.as_ref().ok());
         if let (Ok(result), true) = (&result, grade != Grade::Refused) {
-            let record = self.record(result, found.header("tracker", made));
+            let record = self.record(result, found.header("tracker", provenance));
             found.file = serde_json::to_string_pretty(&record).ok();
         }
         found

@@ -58,12 +58,12 @@ impl MountingStep {
 
     pub(super) fn report(
         &self,
-        made: &CalibrationProvenance,
+        provenance: &CalibrationProvenance,
         found: &Finished,
         result: Option<&MountingResult>,
     ) -> String {
         let facts = [
-            format!("{}, from {}", made.date, made.source),
+            format!("{}, from {}", provenance.date, provenance.source),
             format!(
                 "{} poses from {} pictures; {} tracker readings",
                 self.camera_poses.len(),

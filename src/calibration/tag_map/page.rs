@@ -37,12 +37,12 @@ fn row(t: &Mapped) -> Vec<String> {
 impl MapStep {
     pub(super) fn page(
         &self,
-        made: &CalibrationProvenance,
+        provenance: &CalibrationProvenance,
         found: &Finished,
         built: Option<&Built>,
     ) -> String {
         let facts = [
-            format!("{}, from {}", made.date, made.source),
+            format!("{}, from {}", provenance.date, provenance.source),
             format!(
                 "{} pictures, {} views of several tags",
                 self.pictures,

@@ -339,7 +339,7 @@ impl Step for MapStep {
         }
     }
 
-    fn finish(&mut self, made: &CalibrationProvenance) -> Finished {
+    fn finish(&mut self, provenance: &CalibrationProvenance) -> Finished {
         let built = self.built();
         let mut findings = match &built {
             Ok(built) => self.judge(built),
@@ -356,9 +356,9 @@ impl Step for MapStep {
             report: String::new(),
             file: None,
         };
-        found.report = self.page(made, &found, built.as_ref().ok());
+        found.report = self.page(provenance, &found, built.as_ref().ok());
         if let (Ok(built), true) = (&built, grade != Grade::Refused) {
-            let record = self.record(built, found.header("map", made));
+            let record = self.record(built, found.header("map", provenance));
             found.file = serde_json::to_string_pretty(&record).ok();
         }
         found

@@ -127,7 +127,7 @@ impl Step for Radiometric {
         assessment::progress(&self.data)
     }
 
-    fn finish(&mut self, made: &CalibrationProvenance) -> Finished {
+    fn finish(&mut self, provenance: &CalibrationProvenance) -> Finished {
         for eye in &mut self.data {
             eye.flush();
         }
@@ -139,9 +139,16 @@ impl Step for Radiometric {
             self.scene_gains.as_ref(),
         );
         let mut found = assessment::assess(&self.data, &cameras, &gains, &self.options);
-        found.report = report::report(made, &found, &self.data, &cameras, &gains, &self.options);
+        found.report = report::report(
+            provenance,
+            &found,
+            &self.data,
+            &cameras,
+            &gains,
+            &self.options,
+        );
         if found.grade != Grade::Refused {
-            let record = self.record(made, &found, &cameras, &gains);
+            let record = self.record(provenance, &found, &cameras, &gains);
             found.file = serde_json::to_string_pretty(&record).ok();
         }
         found
@@ -151,14 +158,14 @@ impl Step for Radiometric {
 impl Radiometric {
     fn record(
         &self,
-        made: &CalibrationProvenance,
+        provenance: &CalibrationProvenance,
         found: &Finished,
         cameras: &[CameraResult; 2],
         gains: &gains::Gains,
     ) -> RadiometricRecord {
         let [scene, environment] = [0, 1].map(|i| self.camera_record(i, &cameras[i]));
         RadiometricRecord {
-            header: found.header(STEP, made),
+            header: found.header(STEP, provenance),
             scene_camera: scene,
             environment_camera: environment,
             gains: gains.best().map(|(method, estimate)| GainsRecord {

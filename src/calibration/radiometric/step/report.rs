@@ -22,7 +22,7 @@ use std::fmt::Write;
 
 /// Writes the report as HTML.
 pub(super) fn report(
-    made: &CalibrationProvenance,
+    provenance: &CalibrationProvenance,
     found: &Finished,
     data: &[CameraData; 2],
     cameras: &[CameraResult; 2],
@@ -30,7 +30,7 @@ pub(super) fn report(
     options: &RadiometricOptions,
 ) -> String {
     let facts = [
-        format!("{}, from {}", made.date, made.source),
+        format!("{}, from {}", provenance.date, provenance.source),
         format!("chart: ColorChecker of {}", options.edition.name()),
     ];
     let mut page = Page::new("Colour and brightness of the cameras", &facts);

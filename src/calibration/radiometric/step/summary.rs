@@ -1,4 +1,4 @@
-//! The step's summary while it is made.
+//! The step's summary while it is provenance.
 
 use penumbra_rig_model::Grade;
 
