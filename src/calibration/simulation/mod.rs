@@ -62,7 +62,7 @@ pub struct SimulatedRig {
 /// Returns the pose of a panel flat on the table at `position`: without the rotation by `angle`
 /// (radians), +X is the world's, +Y points to the viewer, +Z into the table.
 #[must_use]
-pub fn lying(angle: f64, position: DVec3) -> RigidTransform {
+pub fn flat_on_table(angle: f64, position: DVec3) -> RigidTransform {
     RigidTransform::new(
         DQuat::from_rotation_z(angle) * DQuat::from_rotation_x(PI),
         position,
@@ -274,7 +274,7 @@ fn tags(count: u32, random: &mut Random) -> Vec<Tag> {
             let jitter = DVec3::new(random.between(-1.0, 1.0), random.between(-1.0, 1.0), 0.0);
             let at = position(cell) + jitter * 0.012;
             let map_from_tag = match id {
-                0 => lying(0.0, DVec3::ZERO),
+                0 => flat_on_table(0.0, DVec3::ZERO),
                 _ if id % 3 == 2 => {
                     let stand = at + DVec3::Z * random.between(0.05, 0.08);
                     let tilt = DQuat::from_scaled_axis(DVec3::new(
@@ -282,10 +282,10 @@ fn tags(count: u32, random: &mut Random) -> Vec<Tag> {
                         random.between(-0.4, 0.4),
                         0.0,
                     ));
-                    let flat = lying(0.3 * random.normal(), stand);
+                    let flat = flat_on_table(0.3 * random.normal(), stand);
                     RigidTransform::new(tilt * flat.rotation, stand)
                 }
-                _ => lying(random.between(-PI, PI), at),
+                _ => flat_on_table(random.between(-PI, PI), at),
             };
             Tag {
                 family: Family::Tag36h11,
@@ -307,7 +307,7 @@ fn panels(tags: &[Tag], board: Option<&Board>) -> (Vec<Panel>, DVec3, f64) {
         }) => vec![Panel::chess(
             (*columns, *rows),
             *square,
-            lying(0.0, DVec3::ZERO),
+            flat_on_table(0.0, DVec3::ZERO),
         )],
         _ => tags
             .iter()

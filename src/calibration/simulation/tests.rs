@@ -45,7 +45,7 @@ fn chessboard_is_detected() {
     let found = crate::intrinsics::detect::find_chessboard(&grey, 7, 5).unwrap();
     let camera_from_world = rig.world_from_camera(0.4).inverse();
     for c in found.correspondences(0.03) {
-        let world = lying(0.0, DVec3::ZERO).transform_point(c.point.extend(0.0));
+        let world = flat_on_table(0.0, DVec3::ZERO).transform_point(c.point.extend(0.0));
         let projected = rig
             .scene
             .lens()

@@ -206,7 +206,8 @@ fn mark_outliers(bundle: &mut Bundle) -> bool {
     has_outliers
 }
 
-/// Reports tags whose size, relative to the first tag's, differs from the given one.
+/// Returns a finding for each tag whose size, relative to the first tag's, differs from the given
+/// one.
 fn check_sizes(bundle: &Bundle) -> Vec<(Grade, String)> {
     let mut free = bundle.clone();
     free.free_sizes = true;
@@ -299,17 +300,9 @@ fn align_with_calibration(bundle: &mut Bundle, anchors: &[usize]) -> Vec<(Grade,
                 .zip(corners(*found, *i))
         })
         .collect();
-    let count = points.len().max(1) as f64;
-    let centroid = |of: fn(&(DVec3, DVec3)) -> DVec3| points.iter().map(of).sum::<DVec3>() / count;
-    let (calibrated_centre, map_centre) = (centroid(|p| p.0), centroid(|p| p.1));
-    let centred = points
-        .iter()
-        .map(|p| (p.0 - calibrated_centre, p.1 - map_centre));
-    let Some(rotation) = best_rotation(centred) else {
+    let Some(calibrated_from_map) = best_transform(&points) else {
         return Vec::new();
     };
-    let calibrated_from_map =
-        RigidTransform::new(rotation, calibrated_centre - rotation * map_centre);
     let mut findings = Vec::new();
     for (i, found, calibrated) in &pairs {
         let deviation = corners(calibrated_from_map * *found, *i)
@@ -348,6 +341,20 @@ fn align_with_calibration(bundle: &mut Bundle, anchors: &[usize]) -> Vec<(Grade,
         bundle.adjust();
     }
     findings
+}
+
+/// Returns the rigid transform A that best satisfies a ≈ A b over point pairs (a, b), in the sense of
+/// least squares (Horn 1987); `None` without pairs.
+fn best_transform(points: &[(DVec3, DVec3)]) -> Option<RigidTransform> {
+    let count = points.len().max(1) as f64;
+    let centroid = |of: fn(&(DVec3, DVec3)) -> DVec3| points.iter().map(of).sum::<DVec3>() / count;
+    let (a_centre, b_centre) = (centroid(|p| p.0), centroid(|p| p.1));
+    let centred = points.iter().map(|p| (p.0 - a_centre, p.1 - b_centre));
+    let rotation = best_rotation(centred)?;
+    Some(RigidTransform::new(
+        rotation,
+        a_centre - rotation * b_centre,
+    ))
 }
 
 /// Returns the result; `all` is the number of views before any was rejected.

@@ -2,7 +2,7 @@
 
 use super::build::{MapEstimate, TagEstimate, build_map, lines};
 use super::{MapTag, Observation, View};
-use crate::simulation::lying;
+use crate::simulation::flat_on_table;
 use crate::step::{
     CalibrationProvenance, CameraRole, Finished, PictureInput, Progress, Step, StepInput,
     StepInputs,
@@ -186,7 +186,7 @@ impl MapStep {
                     .to_owned(),
             );
         };
-        origin.map_from_tag = Some(lying(0.0, DVec3::ZERO));
+        origin.map_from_tag = Some(flat_on_table(0.0, DVec3::ZERO));
         origin.is_fixed = true;
         Ok(())
     }

@@ -159,7 +159,7 @@ impl Assessment {
                     1e3 * found.sigma,
                     found.samples
                 ));
-                // A deviation within two standard deviations is not a fault.
+                // Less two standard deviations: a deviation within the noise is not a fault.
                 self.assess(deviation.abs() - 2e3 * found.sigma, LATENCY, || {
                     format!("latency deviates by {deviation:+.1} ms from the calibrated latency; calibrate latency again")
                 });
