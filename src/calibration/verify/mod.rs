@@ -311,7 +311,7 @@ impl Step for Verify {
             &leave_one_out
         };
         found.report = output::report(provenance, &found, corners);
-        // A check writes its file whatever its grade.
+        // A check always writes its file, even if refused.
         found.file = output::result_file(provenance, &found, &measured);
         found
     }
