@@ -68,7 +68,7 @@ impl CompositePass {
         let pipelines = [
             build("real_tile", "real", Compare::Always, false),
             build("background_tile", "background", Compare::Always, true),
-            build("whole_tile", "whole", Compare::Less, false),
+            build("interior_tile", "interior", Compare::Less, false),
             build("outline_tile", "outline", Compare::Greater, false),
         ];
         let smooth = device.create_sampler(&wgpu::SamplerDescriptor {

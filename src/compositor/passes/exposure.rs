@@ -107,8 +107,13 @@ impl ExposurePass {
         ]
         .map(|layout| CachedGroup::new("exposure", layout));
         let groups = [&summing[0].layout, &summing[1].layout];
-        let table = ["sum_blocks", "scan_rows", "scan_columns", "look_around"]
-            .map(|entry| compute_pipeline(device, &module, &groups, entry));
+        let table = [
+            "sum_blocks",
+            "scan_rows",
+            "scan_columns",
+            "summarise_regions",
+        ]
+        .map(|entry| compute_pipeline(device, &module, &groups, entry));
         let module = shaders::one(device, picture);
         let build = |vertex, fragment| {
             PipelineSpec {
@@ -131,7 +136,7 @@ impl ExposurePass {
             scaled_tiles: build("plain_tile", "scaled"),
             highlights: build("clipped_tile", "highlights"),
             scaled: build("cover", "scaled"),
-            raised: build("cover", "raised"),
+            raised: build("cover", "scaled_by_region"),
             summing,
             drawing,
             smooth: device.create_sampler(&wgpu::SamplerDescriptor {

@@ -1,17 +1,17 @@
-// Which basis images each plane has to sum in this frame (Kakuta 2004, section 4): lights
-// that give next to nothing are left out, planes whose light has hardly changed are left
-// alone, and of the others only the difference is summed. One invocation per plane.
+// Plans which basis images each plane sums in this frame (Kakuta 2004, section 4): lights of
+// negligible share are skipped, planes whose light has hardly changed keep their sums, and for the
+// others only the difference is summed. One invocation per plane.
 
 @group(0) @binding(0) var<storage, read> settings: Settings;
 @group(0) @binding(1) var<storage, read> faces: array<vec4f>;
 @group(0) @binding(2) var<storage, read> luminance: array<vec4f>;
 @group(0) @binding(3) var<storage, read> planes: array<SumPlane>;
 @group(0) @binding(4) var<storage, read> visible: array<u32>;
-// The luminance that each plane's sums were made with; w = 1 where they were made.
+// The luminance from which each plane's sums were made; w = 1 once they were made.
 @group(0) @binding(5) var<storage, read_write> applied: array<vec4f>;
 @group(0) @binding(6) var<storage, read_write> work: array<Entry>;
 @group(0) @binding(7) var<storage, read_write> jobs: array<Job>;
-// Per plane and light: numbers of the images past everything and past phantoms, as bits.
+// Per plane and light: numbers of the images past all casters and past phantoms, as bits.
 @group(0) @binding(8) var<storage, read> basis: array<vec2f>;
 // Asum by normal, octahedral: see `whole_by_normal`.
 @group(0) @binding(9) var whole: texture_storage_2d_array<rgba16float, write>;
@@ -20,8 +20,8 @@ fn facing(k: u32, i: u32) -> f32 {
     return max(dot(planes[k].normal.xyz, faces[i].xyz), 0.0);
 }
 
-// How much a light can give a plane. Surfaces behind a plane may face any way; where both
-// images are black none faces the light.
+// Weight of a light on a plane. Surfaces behind a plane may have any orientation; where both images
+// are black none faces the light.
 fn reach(k: u32, i: u32) -> f32 {
     let image = bitcast<vec2u>(basis[k * settings.lights + i]);
     let some = select(1.0, 0.0, all(image == vec2u(BLACK)));
@@ -32,7 +32,7 @@ fn brightness(s: vec3f) -> f32 {
     return s.x + s.y + s.z;
 }
 
-// Nothing was summed on it yet.
+// Whether plane `k` has no sums yet.
 fn is_new(k: u32) -> bool {
     return applied[k * settings.lights].w == 0.0;
 }
@@ -54,8 +54,8 @@ fn plan(@builtin(global_invocation_id) id: vec3u) {
         total += brightness(luminance[i].rgb) * reach(k, i);
         job.whole += luminance[i] * facing(k, i);
     }
-    // How far the sums are off, how many images would mend them, and how many there are.
-    var off = 0.0;
+    // Error of the sums, number of images that would correct it, and number of all images.
+    var error = 0.0;
     var differ = 0u;
     var count = 0u;
     for (var i = 0u; i < settings.lights; i++) {
@@ -65,10 +65,10 @@ fn plan(@builtin(global_invocation_id) id: vec3u) {
         job.skipped += select(0u, 1u, gives > 0.0 && !counts);
         let wanted = select(vec3f(0.0), luminance[i].rgb, counts);
         let change = brightness(abs(wanted - applied[begin + i].rgb)) * reach(k, i);
-        off += change;
+        error += change;
         differ += select(0u, 1u, change > settings.least_change * total);
     }
-    let untouched = off <= settings.recompute_above * total && !is_new(k);
+    let untouched = error <= settings.recompute_above * total && !is_new(k);
     job.anew = select(0u, 1u, 2u * differ > count || is_new(k));
     for (var i = 0u; i < settings.lights; i++) {
         let gives = brightness(luminance[i].rgb) * reach(k, i);
@@ -80,10 +80,10 @@ fn plan(@builtin(global_invocation_id) id: vec3u) {
         let listed = select(matters, any(change != vec3f(0.0)), job.anew == 1u);
         let image = basis[begin + i];
         let states = bitcast<vec2u>(image);
-        // Where nothing is lost there is nothing to sum.
+        // Images that lose no light need not be summed.
         if !untouched && listed && any(states != vec2u(WHITE)) {
             let entry = Entry(vec4f(change, image.x), vec4f(faces[i].xyz, image.y));
-            // Planes of the real layer take both kinds together.
+            // Planes of the real layer process both kinds together.
             let is_black = states.x == BLACK && k >= settings.real;
             let last = k * settings.stride + settings.lights - 1u;
             work[select(k * settings.stride + job.stored, last - job.black, is_black)] = entry;
