@@ -1,7 +1,7 @@
 //! What is chosen before the first frame or from frame to frame: coarse shadows, how many
 //! maps are drawn, how many lights there are.
 
-use crate::judge::{Rule, assert_like, difference};
+use crate::comparison::{Rule, assert_like, difference};
 use crate::stage::{Stage, cell, lighting, part, spiral, sun};
 use glam::{DVec3, Vec3};
 use penumbra_compositor::Refresh;
@@ -40,7 +40,7 @@ fn one_map_a_frame_ends_in_the_same_picture() {
     assert!(frames[0] != frames[7] && before != frames[7]);
     assert_eq!(difference(&frames[7], &stage.compose()), (0, 0.0));
     stage.compose_with(&mut compositor);
-    assert_eq!(compositor.maps_refreshed(), 0, "nothing moves any more");
+    assert_eq!(compositor.maps_refreshed(), 0, "nothing has moved");
 }
 
 #[test]
