@@ -137,7 +137,7 @@ fn region(block: vec2i, reach: i32, blocks: vec2u, size: vec2u) -> Region {
     );
 }
 
-// Estimated light of a clipped area above white, from the region around it: dark surroundings
+// Estimated light above white of a clipped area, from the region around it: dark surroundings
 // indicate a source or its image, and small ones are the brightest: lamps and specular highlights,
 // not windows.
 fn excess(reliable: vec2f, clipped_share: f32) -> f32 {

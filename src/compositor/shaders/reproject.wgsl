@@ -1,17 +1,17 @@
-// The finished picture from a later camera orientation, as a picture at infinity.
+// The finished picture from the pose at which it is displayed, as if it were painted on a wall.
 
 @group(0) @binding(0) var picture: texture_2d<f32>;
 // Direction that each pixel shows, on the plane z = 1; below -1e5: none.
 @group(0) @binding(1) var directions: texture_2d<f32>;
 struct Reprojection {
-    // Columns of the rotation from directions of the eye to directions of the camera.
+    // Columns of the homography from directions of the eye to directions of the camera.
     x: vec4f,
     y: vec4f,
     z: vec4f,
     // Focal lengths and principal point, pixels.
     intrinsics: vec4f,
     // k1, k2, k3, p1.
-    bending: vec4f,
+    distortion: vec4f,
     // p2, and the squared tangent up to which the distortion model is valid.
     more: vec4f,
 }
@@ -19,7 +19,7 @@ struct Reprojection {
 
 // Brown's model (1966), with OpenCV's parameters.
 fn distorted(undistorted: vec2f) -> vec2f {
-    let k = reprojection.bending;
+    let k = reprojection.distortion;
     let p = vec2f(k.w, reprojection.more.x);
     let r2 = dot(undistorted, undistorted);
     let radial = 1.0 + r2 * (k.x + r2 * (k.y + r2 * k.z));

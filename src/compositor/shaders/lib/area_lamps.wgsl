@@ -102,7 +102,7 @@ fn cell_seen(k: u32, r: Rectangle, x: u32, y: u32, across: f32, world: vec3f, n:
     let off = world - area_eye(r, x, y, across);
     let there = on_map(k, off, n, abs(dot(n, unit(off))));
     let size = f32(textureDimensions(lamp_maps).x);
-    // Width of a texel in view coordinates (−1 to 1); also half a texel of a tile.
+    // Width of a texel in view coordinates (−1 to 1).
     let texel = 2.0 * across / size;
     let corner = vec2f(f32(x), f32(y)) / across;
     let depth = LAMP_NEAR / max(there.depth, LAMP_NEAR);

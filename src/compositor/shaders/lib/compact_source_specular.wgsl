@@ -1,5 +1,5 @@
 // Specular reflection of compact sources that mip levels of the radiance map leave out, by
-// evaluating the BRDF. Twin of `penumbra_lighting::compact_source_specular::mirrored`.
+// evaluating the BRDF. Twin of `penumbra_lighting::compact_source_specular::reflected`.
 
 struct CompactSource {
     // w = radius of the source's disc, radians.

@@ -15,9 +15,11 @@ struct Frame {
     clip_from_world: mat4x4f,
     // Irradiance polynomial of the environment without its compact sources.
     harmonics: array<vec4f, 9>,
-    // Number of lights, shadow mode, step of the shadow buffer in pixels, highest mip of the radiance map.
+    // Number of lights, shadow mode, step of the shadow buffer in pixels, highest mip of the
+    // radiance map.
     counts: vec4u,
-    // Shadow strength, ground height (metres), 1 where there is a ground, highest mip of the surroundings.
+    // Shadow strength, ground height (metres), 1 where there is a ground, highest mip of the
+    // surroundings.
     params: vec4f,
     // Radiance of the ground where the picture does not show it; w = factor of the exposure, 1 for
     // the camera's own.
@@ -38,18 +40,18 @@ struct Frame {
     brightest: vec4f,
     // A rolling shutter: rotation vector of the camera between successive rows of its own picture,
     // in its own axes; w = the row at which the pose holds.
-    turning: vec4f,
+    rotation_per_row: vec4f,
     // The camera's translation between successive rows, likewise, metres.
-    moving: vec4f,
+    translation_per_row: vec4f,
     // Lens distortion of the camera's own picture, to find the row: k1, k2, k3, p1.
-    bending: vec4f,
+    distortion: vec4f,
     // p2, focal length and principal point along y, pixels of that picture, and the squared tangent
     // up to which the distortion polynomial is valid.
     rows: vec4f,
     // Vignetting of the camera's own picture: k1, k2, k3 about a centre; w = 1 / radius².
     vignetting: vec4f,
     // Focal lengths of that picture, and its principal point relative to that centre, pixels.
-    vignetting_from: vec4f,
+    vignetting_intrinsics: vec4f,
 }
 
 struct Light {
@@ -98,7 +100,7 @@ fn ray_through(pixel: vec2f) -> vec3f {
 // Distorts the direction (p, 1) by the camera's own lens, on the plane z = 1; continues linearly
 // beyond the polynomial's valid range.
 fn distorted(p: vec2f) -> vec2f {
-    let k = frame.bending;
+    let k = frame.distortion;
     let past = sqrt(max(dot(p, p) / frame.rows.w, 1.0));
     let q = p / past;
     let r2 = dot(q, q);
@@ -119,14 +121,14 @@ fn brightness_at(pixel: vec2f) -> f32 {
         return 1.0;
     }
     let p = (pixel - frame.intrinsics.zw) / frame.intrinsics.xy;
-    let away = distorted(p) * frame.vignetting_from.xy + frame.vignetting_from.zw;
+    let away = distorted(p) * frame.vignetting_intrinsics.xy + frame.vignetting_intrinsics.zw;
     let q = dot(away, away) * frame.vignetting.w;
     return clamp(1.0 + q * (frame.vignetting.x + q * (frame.vignetting.y + q * frame.vignetting.z)), 0.02, 2.0);
 }
 
 // Displacement of a point in camera coordinates until `row` is read.
 fn rolling_displacement(p: vec3f, row: f32) -> vec3f {
-    return (row - frame.turning.w) * (frame.moving.xyz + cross(frame.turning.xyz, p));
+    return (row - frame.rotation_per_row.w) * (frame.translation_per_row.xyz + cross(frame.rotation_per_row.xyz, p));
 }
 
 // Reversed depth with the far plane at infinity: depth = near / z.
@@ -155,7 +157,7 @@ fn clip_of(world: vec4f) -> vec4f {
     }
     let d = world.xyz - frame.eye.xyz;
     let p = vec3f(dot(d, frame.right.xyz), dot(d, frame.down.xyz), dot(d, frame.forward.xyz));
-    let last = 2.0 * frame.turning.w;
+    let last = 2.0 * frame.rotation_per_row.w;
     var q = p;
     for (var k = 0; k < 3; k++) {
         let row = row_of(q.xy / max(q.z, frame.eye.w));

@@ -18,8 +18,8 @@ fn lifted(world: vec3f, n: vec3f, n_dot_l: f32, texel: f32, own: f32) -> vec4f {
     return vec4f(world + n * (texel * (0.5 + 1.5 * slope)), 1.0);
 }
 
-// Evenly distributed points of a disc (Vogel 1979), rotated by the angle of cosine and sine `rotation`:
-// compilers precompute all but the rotation.
+// Evenly distributed points of a disc (Vogel 1979), rotated by the angle of cosine and sine
+// `rotation`: compilers precompute all but the rotation.
 fn disc(k: i32, count: i32, rotation: vec2f) -> vec2f {
     let angle = 2.39996323 * f32(k);
     let p = sqrt((f32(k) + 0.5) / f32(count)) * vec2f(cos(angle), sin(angle));
