@@ -71,8 +71,8 @@ mod tests {
             DVec3::new(0.0, 1.0, 1.0),
         ];
         let half = 0.5_f64.sqrt();
-        let wanted = half * half.atan() / std::f64::consts::PI;
-        assert!((form_factor(&square, DVec3::Z) - wanted).abs() < 1e-12);
+        let expected = half * half.atan() / std::f64::consts::PI;
+        assert!((form_factor(&square, DVec3::Z) - expected).abs() < 1e-12);
     }
 
     #[test]

@@ -133,8 +133,8 @@ impl Reference {
             _ if untouched => camera,
             ShadowMode::Ratio => {
                 // Where almost no light arrives, the reflectance cannot be estimated.
-                let least = (0.05 * sums.open).max(DVec3::splat(1e-4));
-                camera * (1.0 - lost / arriving + multiplied / arriving.max(least)) + apart
+                let lowest = (0.05 * sums.open).max(DVec3::splat(1e-4));
+                camera * (1.0 - lost / arriving + multiplied / arriving.max(lowest)) + apart
             }
             ShadowMode::Subtract => {
                 let less = (lost - multiplied) * (factor / std::f64::consts::PI);

@@ -24,7 +24,7 @@ fn tile_is_clipped(tile: vec2u) -> bool {
     return below != above;
 }
 
-fn corner_of_tile(v: u32, wanted: bool) -> vec4f {
+fn corner_of_tile(v: u32, clipped_tiles: bool) -> vec4f {
     let size = textureDimensions(camera);
     let across = (size.x + (1u << TILE_LOG) - 1u) >> TILE_LOG;
     let tile = vec2u((v / 6u) % across, (v / 6u) / across);
@@ -32,7 +32,7 @@ fn corner_of_tile(v: u32, wanted: bool) -> vec4f {
     let o = vec2u(select(0u, 1u, k == 1u || k == 2u || k == 4u), select(0u, 1u, k >= 2u && k != 3u));
     let pixel = vec2f((tile + o) << vec2u(TILE_LOG)) / vec2f(size);
     let ndc = vec4f(pixel.x * 2.0 - 1.0, 1.0 - pixel.y * 2.0, 0.0, 1.0);
-    return select(vec4f(2.0, 2.0, 2.0, 1.0), ndc, tile_is_clipped(tile) == wanted);
+    return select(vec4f(2.0, 2.0, 2.0, 1.0), ndc, tile_is_clipped(tile) == clipped_tiles);
 }
 
 @vertex

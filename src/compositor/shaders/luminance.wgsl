@@ -43,9 +43,9 @@ fn sum_chunk(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_inde
     for (var at = chunk.x + lane; at < end; at += INVOCATIONS) {
         sum += weighted(at);
     }
-    let whole = reduced(sum, lane);
+    let total = reduced(sum, lane);
     if lane == 0u {
-        partial[group.x] = vec4f(whole, 0.0);
+        partial[group.x] = vec4f(total, 0.0);
     }
 }
 
@@ -57,8 +57,8 @@ fn sum_face(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index
     for (var at = face.x + lane; at < end; at += INVOCATIONS) {
         sum += partial[at].rgb;
     }
-    let whole = reduced(sum, lane);
+    let total = reduced(sum, lane);
     if lane == 0u {
-        sums[group.x] = vec4f(whole, 0.0);
+        sums[group.x] = vec4f(total, 0.0);
     }
 }

@@ -13,8 +13,8 @@
 @group(0) @binding(7) var<storage, read_write> jobs: array<Job>;
 // Per plane and light: numbers of the images past all casters and past phantoms, as bits.
 @group(0) @binding(8) var<storage, read> basis: array<vec2f>;
-// Asum by normal, octahedral: see `whole_by_normal`.
-@group(0) @binding(9) var whole: texture_storage_2d_array<rgba16float, write>;
+// Asum by normal, octahedral: see `asum_by_normal`.
+@group(0) @binding(9) var asum: texture_storage_2d_array<rgba16float, write>;
 
 fn facing(k: u32, i: u32) -> f32 {
     return max(dot(planes[k].normal.xyz, faces[i].xyz), 0.0);
@@ -52,7 +52,7 @@ fn plan(@builtin(global_invocation_id) id: vec3u) {
     var total = 0.0;
     for (var i = 0u; i < settings.lights; i++) {
         total += brightness(luminance[i].rgb) * reach(k, i);
-        job.whole += luminance[i] * facing(k, i);
+        job.asum += luminance[i] * facing(k, i);
     }
     // Error of the sums, number of images that would correct it, and number of all images.
     var error = 0.0;
@@ -63,21 +63,21 @@ fn plan(@builtin(global_invocation_id) id: vec3u) {
         let counts = gives > 0.0 && gives >= settings.skip_below * total;
         count += select(0u, 1u, counts);
         job.skipped += select(0u, 1u, gives > 0.0 && !counts);
-        let wanted = select(vec3f(0.0), luminance[i].rgb, counts);
-        let change = brightness(abs(wanted - applied[begin + i].rgb)) * reach(k, i);
+        let target_light = select(vec3f(0.0), luminance[i].rgb, counts);
+        let change = brightness(abs(target_light - applied[begin + i].rgb)) * reach(k, i);
         error += change;
         differ += select(0u, 1u, change > settings.least_change * total);
     }
     let untouched = error <= settings.recompute_above * total && !is_new(k);
-    job.anew = select(0u, 1u, 2u * differ > count || is_new(k));
+    job.recompute = select(0u, 1u, 2u * differ > count || is_new(k));
     for (var i = 0u; i < settings.lights; i++) {
         let gives = brightness(luminance[i].rgb) * reach(k, i);
         let counts = gives > 0.0 && gives >= settings.skip_below * total;
-        let wanted = select(vec3f(0.0), luminance[i].rgb, counts);
-        let before = select(applied[begin + i].rgb, vec3f(0.0), job.anew == 1u);
-        let change = wanted - before;
+        let target_light = select(vec3f(0.0), luminance[i].rgb, counts);
+        let before = select(applied[begin + i].rgb, vec3f(0.0), job.recompute == 1u);
+        let change = target_light - before;
         let matters = brightness(abs(change)) * reach(k, i) > settings.least_change * total;
-        let listed = select(matters, any(change != vec3f(0.0)), job.anew == 1u);
+        let listed = select(matters, any(change != vec3f(0.0)), job.recompute == 1u);
         let image = basis[begin + i];
         let states = bitcast<vec2u>(image);
         // Images that lose no light need not be summed.
@@ -90,11 +90,11 @@ fn plan(@builtin(global_invocation_id) id: vec3u) {
             job.stored += select(1u, 0u, is_black);
             job.black += select(0u, 1u, is_black);
         }
-        if !untouched && (listed || job.anew == 1u) {
-            applied[begin + i] = vec4f(wanted, 1.0);
+        if !untouched && (listed || job.recompute == 1u) {
+            applied[begin + i] = vec4f(target_light, 1.0);
         }
     }
-    job.anew = select(job.anew, 0u, untouched);
+    job.recompute = select(job.recompute, 0u, untouched);
     let words = settings.side * settings.side / 4u;
     job.groups.x = select((words + 63u) / 64u, 0u, untouched);
     jobs[k] = job;
@@ -102,7 +102,7 @@ fn plan(@builtin(global_invocation_id) id: vec3u) {
 
 // Asum of a surface by its normal: Σ S_i max(n · l_i, 0). Surfaces behind planes look it up.
 @compute @workgroup_size(64)
-fn whole_by_normal(@builtin(global_invocation_id) id: vec3u) {
+fn asum_by_normal(@builtin(global_invocation_id) id: vec3u) {
     if id.x >= BY_NORMAL * BY_NORMAL {
         return;
     }
@@ -112,5 +112,5 @@ fn whole_by_normal(@builtin(global_invocation_id) id: vec3u) {
     for (var i = 0u; i < settings.lights; i++) {
         sum += luminance[i].rgb * max(dot(n, faces[i].xyz), 0.0);
     }
-    textureStore(whole, at, 0u, vec4f(min(sum, vec3f(65000.0)), 1.0));
+    textureStore(asum, at, 0u, vec4f(min(sum, vec3f(65000.0)), 1.0));
 }

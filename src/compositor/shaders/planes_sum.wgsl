@@ -18,7 +18,7 @@
 @group(0) @binding(4) var<storage, read_write> sums: array<vec4f>;
 @group(0) @binding(5) var share_all: texture_storage_2d_array<rgba16float, write>;
 @group(0) @binding(6) var share_real: texture_storage_2d_array<rgba16float, write>;
-@group(0) @binding(7) var whole_by_normal: texture_2d_array<f32>;
+@group(0) @binding(7) var asum_by_normal: texture_2d_array<f32>;
 @group(0) @binding(8) var smooth_sampler: sampler;
 // The entries of one plane. They are a uniform and the images a texture: software drivers read
 // storage buffers lane by lane, many times slower.
@@ -83,17 +83,17 @@ fn kept(sum: Colours, at: u32, keep: f32) -> Colours {
     return all;
 }
 
-fn whole_at(k: u32, x: f32, y: f32, z: f32) -> vec3f {
+fn asum_at(k: u32, x: f32, y: f32, z: f32) -> vec3f {
     let side = f32(BY_NORMAL);
     let uv = ((octahedron_from_normal(vec3f(x, y, z)) * 0.5 + 0.5) * (side - 1.0) + 0.5) / side;
-    let by_normal = textureSampleLevel(whole_by_normal, smooth_sampler, uv, 0u, 0.0).rgb;
-    return select(by_normal, jobs[k].whole.rgb, planes[k].kind.x == 1u);
+    let by_normal = textureSampleLevel(asum_by_normal, smooth_sampler, uv, 0u, 0.0).rgb;
+    return select(by_normal, jobs[k].asum.rgb, planes[k].kind.x == 1u);
 }
 
 // Fraction of the possible light that arrives; 1 where there is no light to lose.
-fn share(lost: vec3f, whole: vec3f) -> vec3f {
-    let ratio = clamp(vec3f(1.0) - lost / max(whole, vec3f(1e-12)), vec3f(0.0), vec3f(1.0));
-    return select(vec3f(1.0), ratio, whole > vec3f(1e-9));
+fn share(lost: vec3f, asum: vec3f) -> vec3f {
+    let ratio = clamp(vec3f(1.0) - lost / max(asum, vec3f(1e-12)), vec3f(0.0), vec3f(1.0));
+    return select(vec3f(1.0), ratio, asum > vec3f(1e-9));
 }
 
 fn depth_at(texel: u32) -> f32 {
@@ -133,13 +133,13 @@ fn sum(@builtin(global_invocation_id) id: vec3u) {
         let l = work[LIGHTS - 1u - j].light;
         all = added(all, max(n.x * l.x + n.y * l.y + n.z * l.z, vec4f(0.0)), s.rgb);
     }
-    let keep = select(1.0, 0.0, jobs[k].anew == 1u);
+    let keep = select(1.0, 0.0, jobs[k].recompute == 1u);
     let at = planes[k].kind.y + word * select(3u, 6u, REAL);
     all = kept(all, at, keep);
-    let w0 = whole_at(k, n.x.x, n.y.x, n.z.x);
-    let w1 = whole_at(k, n.x.y, n.y.y, n.z.y);
-    let w2 = whole_at(k, n.x.z, n.y.z, n.z.z);
-    let w3 = whole_at(k, n.x.w, n.y.w, n.z.w);
+    let w0 = asum_at(k, n.x.x, n.y.x, n.z.x);
+    let w1 = asum_at(k, n.x.y, n.y.y, n.z.y);
+    let w2 = asum_at(k, n.x.z, n.y.z, n.z.z);
+    let w3 = asum_at(k, n.x.w, n.y.w, n.z.w);
     let row = vec2u(texel % SIDE, texel / SIDE);
     let first = k * SIDE * SIDE + texel;
     textureStore(share_all, row, k, vec4f(share(vec3f(all.r.x, all.g.x, all.b.x), w0), depth_at(first)));

@@ -166,7 +166,7 @@ fn area_rotation(world: vec3f, i: f32) -> vec2f {
 fn irradiance_of_area(k: u32, world: vec3f, n: vec3f) -> vec3f {
     let r = rectangle_of(k);
     let to = r.centre - world;
-    let whole = form_factor(to - r.right - r.up, to + r.right - r.up, to + r.right + r.up, to - r.right + r.up, n);
+    let total = form_factor(to - r.right - r.up, to + r.right - r.up, to + r.right + r.up, to - r.right + r.up, n);
     let layer = i32(lamps.each[k].half_right.w);
     let across = u32(lamps.each[k].intensity.w);
     // Parts of the picture in each cell, per axis.
@@ -198,7 +198,7 @@ fn irradiance_of_area(k: u32, world: vec3f, n: vec3f) -> vec3f {
         }
     }
     let radiance = lamps.each[k].intensity.rgb * (colour / (weights * r.size));
-    return select(vec3f(0.0), radiance * (3.14159265 * whole), shines_towards(k, -to));
+    return select(vec3f(0.0), radiance * (3.14159265 * total), shines_towards(k, -to));
 }
 
 // Fraction of the lamp that a point sees, from four of its cells; for specular reflection.

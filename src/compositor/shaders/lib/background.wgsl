@@ -97,10 +97,10 @@ fn beside_edge(pixel: vec2i) -> Range {
         // On the pixel's own side its own factor counts too: the shadow of a thin object, or in a
         // corner, may lie between the sampled texels.
         let same = !real_edge(own.a, there.a);
-        let least = select(there.rgb, min(there.rgb, own.rgb), same);
-        let most = select(there.rgb, max(there.rgb, own.rgb), same);
-        range.low = select(range.low, min(range.low, linear * least), counts);
-        range.high = select(range.high, max(range.high, linear * most), counts);
+        let lowest = select(there.rgb, min(there.rgb, own.rgb), same);
+        let highest = select(there.rgb, max(there.rgb, own.rgb), same);
+        range.low = select(range.low, min(range.low, linear * lowest), counts);
+        range.high = select(range.high, max(range.high, linear * highest), counts);
         on_own |= counts & (key == key_of(own.a));
         across |= counts & (key == other);
     }

@@ -54,10 +54,10 @@ fn open_in_real(world: vec3f, n: vec3f) -> vec3f {
 fn change_of_picture(lost: vec3f, arriving: vec3f, added: vec3f, n: vec3f) -> vec3f {
     // The lower bound avoids glow where the estimated light says that a pixel is in full shadow and
     // the picture shows that it is not.
-    var least = vec3f(1e-6);
+    var lowest = vec3f(1e-6);
     if LAMPED {
-        least = max(0.05 * by_normal(irradiance_of_lights, n), vec3f(1e-4));
+        lowest = max(0.05 * by_normal(irradiance_of_lights, n), vec3f(1e-4));
     }
-    let factor = vec3f(1.0) - lost / max(arriving, vec3f(1e-6)) + added / max(arriving, least);
+    let factor = vec3f(1.0) - lost / max(arriving, vec3f(1e-6)) + added / max(arriving, lowest);
     return select(factor, (lost - added) / PI, frame.counts.y == 1u);
 }

@@ -24,8 +24,8 @@ fn behind_marks(@builtin(vertex_index) i: u32) -> @builtin(position) vec4f {
 fn mark_phantoms(@builtin(position) at: vec4f) -> @builtin(frag_depth) f32 {
     let pixel = vec2i(at.xy) * i32(frame.counts.z);
     let there = textureLoad(phantom_normal, pixel, 0).z == 1.0;
-    let wanted = any(textureLoad(phantom_tiles, tile_of(pixel), 0).xy != vec2u(0u));
-    return select(0.0, MARK, there & wanted);
+    let loses_light = any(textureLoad(phantom_tiles, tile_of(pixel), 0).xy != vec2u(0u));
+    return select(0.0, MARK, there & loses_light);
 }
 
 // Marks texels that virtual surfaces cover at least partly.

@@ -27,7 +27,7 @@ struct Job {
     // Workgroups of `sum`, zero if nothing changes; read as the size of an indirect dispatch.
     groups: vec3u,
     // 1: recompute the sums; 0: add differences.
-    anew: u32,
+    recompute: u32,
     // Number of entries with an image, from the first on; number of entries of images that are
     // black and not stored, from the last on backwards; number of lights that were skipped.
     stored: u32,
@@ -35,7 +35,7 @@ struct Job {
     skipped: u32,
     unused: u32,
     // Asum where the receiver is the plane itself.
-    whole: vec4f,
+    asum: vec4f,
 }
 
 // A light whose image a plane has to sum: the change of its luminance and the number of its image
