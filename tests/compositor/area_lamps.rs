@@ -71,11 +71,11 @@ fn linear_at(stage: &Stage, picture: &Picture, world: Vec3) -> Vec3 {
 fn assert_linear(stage: &Stage, picture: &Picture, at: Vec3, expected: Vec3, tolerance: u8) {
     let (x, y) = pixel_of(stage, at);
     let found = picture.rgb(x, y);
-    let wanted = expected
+    let codes = expected
         .to_array()
         .map(|v| stage.response.code_from_linear(v));
-    let off = (0..3).map(|c| found[c].abs_diff(wanted[c])).max().unwrap();
-    assert!(off <= tolerance, "{at}: {found:?}, expected {wanted:?}");
+    let off = (0..3).map(|c| found[c].abs_diff(codes[c])).max().unwrap();
+    assert!(off <= tolerance, "{at}: {found:?}, expected {codes:?}");
 }
 
 /// Irradiance of a uniform rectangle, by Lambert's formula.

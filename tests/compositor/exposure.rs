@@ -99,9 +99,9 @@ fn uniform_picture_is_scaled_through_the_response() {
             let out = stage.compose();
             let linear = response.linear_from_rgb([200, 120, 3]);
             let expected = linear.map(|v| response.code_from_linear(v * stops.exp2()));
-            let wanted = flat(70, 50, expected);
+            let expected_picture = flat(70, 50, expected);
             assert!(
-                greatest_difference(&out, &wanted) <= 1,
+                greatest_difference(&out, &expected_picture) <= 1,
                 "{stops}: {expected:?}"
             );
         }
@@ -254,8 +254,8 @@ fn twin_scales_linearly_where_nothing_is_clipped() {
             .chunks_exact(4)
             .zip(exposed(&picture, &response, 0.25, Highlights::Estimated))
     {
-        let whole = response.linear_from_rgb([pixel[0], pixel[1], pixel[2]]);
-        assert_eq!(linear.as_vec3(), Vec3::from(whole) * 0.25);
+        let full = response.linear_from_rgb([pixel[0], pixel[1], pixel[2]]);
+        assert_eq!(linear.as_vec3(), Vec3::from(full) * 0.25);
     }
 }
 
@@ -282,11 +282,11 @@ fn reflections_do_not_depend_on_the_exposure() {
     let after = stage.compose();
     for i in (0..96 * 72).filter(|i| inside[*i as usize]) {
         let at = (i % 96, i / 96);
-        let (whole, half) = (shown(&before, at), shown(&after, at));
-        if whole.max_element() < 0.98 {
+        let (full, half) = (shown(&before, at), shown(&after, at));
+        if full.max_element() < 0.98 {
             assert!(
-                (half * 2.0 - whole).abs().max_element() < 0.02,
-                "{at:?}: {whole} {half}"
+                (half * 2.0 - full).abs().max_element() < 0.02,
+                "{at:?}: {full} {half}"
             );
         }
     }

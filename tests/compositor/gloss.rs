@@ -262,7 +262,7 @@ fn normal_map(n: Vec3) -> Option<Arc<SceneTexture>> {
     }))
 }
 
-fn turned(part: &mut Part, n: Vec3) {
+fn orient(part: &mut Part, n: Vec3) {
     let rotation = DQuat::from_rotation_arc(DVec3::Z, n.as_dvec3().normalize());
     part.world_from_part = DMat4::from_quat(rotation);
 }
@@ -291,7 +291,7 @@ fn tilting_normal_map_equals_a_tilted_plane() {
             })
             .lit(light.clone());
             let mut plane = tile(material).lit(light);
-            turned(&mut plane.scene.virtual_parts[0], n);
+            orient(&mut plane.scene.virtual_parts[0], n);
             let (a, b) = (mapped.compose().rgb(39, 40), plane.compose().rgb(39, 40));
             let close = (0..3).all(|c| a[c].abs_diff(b[c]) <= 3);
             assert!(close, "{n}: {a:?} {b:?}");
@@ -313,7 +313,7 @@ fn half_the_normal_scale_halves_the_slope() {
     })
     .lit(light.clone());
     let mut plane = tile(metal(0.2)).lit(light);
-    turned(&mut plane.scene.virtual_parts[0], Vec3::new(0.3, 0.0, 0.8));
+    orient(&mut plane.scene.virtual_parts[0], Vec3::new(0.3, 0.0, 0.8));
     let (a, b) = (mapped.compose().rgb(39, 40), plane.compose().rgb(39, 40));
     assert!((0..3).all(|c| a[c].abs_diff(b[c]) <= 3), "{a:?} {b:?}");
 }
@@ -332,7 +332,7 @@ fn mirrored_placement_mirrors_its_normal_map() {
     .lit(light.clone());
     mapped.scene.virtual_parts[0].world_from_part = DMat4::from_scale(DVec3::new(-1.0, 1.0, 1.0));
     let mut plane = tile(metal(0.2)).lit(light);
-    turned(&mut plane.scene.virtual_parts[0], mirrored);
+    orient(&mut plane.scene.virtual_parts[0], mirrored);
     let (a, b) = (mapped.compose().rgb(39, 40), plane.compose().rgb(39, 40));
     assert!((0..3).all(|c| a[c].abs_diff(b[c]) <= 3), "{a:?} {b:?}");
 }

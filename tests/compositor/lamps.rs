@@ -63,11 +63,11 @@ fn irradiance(lamp: &PlacedLamp, at: Vec3, n: Vec3) -> Vec3 {
 #[track_caller]
 fn assert_linear(stage: &Stage, picture: &Picture, at: Vec3, expected: Vec3, tolerance: u8) {
     let found = codes_at(stage, picture, at);
-    let wanted = expected
+    let codes = expected
         .to_array()
         .map(|v| stage.response.code_from_linear(v));
-    let off = (0..3).map(|c| found[c].abs_diff(wanted[c])).max().unwrap();
-    assert!(off <= tolerance, "{at}: {found:?}, expected {wanted:?}");
+    let off = (0..3).map(|c| found[c].abs_diff(codes[c])).max().unwrap();
+    assert!(off <= tolerance, "{at}: {found:?}, expected {codes:?}");
 }
 
 fn camera_linear(stage: &Stage) -> Vec3 {

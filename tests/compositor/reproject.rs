@@ -127,8 +127,8 @@ fn virtual_objects_are_reprojected_with_the_picture() {
     stage.picture = flat(SIZE.0, SIZE.1, [40, 60, 50]);
     stage.pose = Some(eye * reprojection.camera_from_eye.inverse());
     let mut compositor = stage.compositor();
-    for wanted in [LensOutput::Camera, LensOutput::Undistorted] {
-        compositor.set_lens_output(wanted);
+    for lens_output in [LensOutput::Camera, LensOutput::Undistorted] {
+        compositor.set_lens_output(lens_output);
         stage.reprojection = Some(reprojection);
         let out = stage.compose_with(&mut compositor);
         stage.reprojection = None;
@@ -140,7 +140,7 @@ fn virtual_objects_are_reprojected_with_the_picture() {
         let truth = there.compose_with(&mut compositor);
         let (_, mean) = differences(&out, &truth, 30);
         let (_, before) = differences(&original, &truth, 30);
-        println!("{wanted:?}: mean {mean:.3} codes, not reprojected {before:.3}");
+        println!("{lens_output:?}: mean {mean:.3} codes, not reprojected {before:.3}");
         assert!(mean < 0.15 * before, "{mean} of {before}");
     }
 }

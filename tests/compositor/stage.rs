@@ -20,8 +20,8 @@ use std::sync::{Arc, OnceLock};
 /// selects another.
 pub fn gpu() -> Gpu {
     static GPU: OnceLock<Gpu> = OnceLock::new();
-    let wanted = std::env::var("PENUMBRA_TEST_ADAPTER").unwrap_or_else(|_| "llvmpipe".to_owned());
-    GPU.get_or_init(|| match Gpu::open(Some(&wanted)) {
+    let adapter = std::env::var("PENUMBRA_TEST_ADAPTER").unwrap_or_else(|_| "llvmpipe".to_owned());
+    GPU.get_or_init(|| match Gpu::open(Some(&adapter)) {
         Ok(gpu) => gpu,
         Err(error) => panic!("{error}\n`make test` installs the software driver"),
     })
