@@ -144,8 +144,8 @@ fn box_casts_its_shadow_away_from_the_lamp() {
         (table(vec![lamp]).with_phantom(cube()), 1),
     ] {
         let picture = stage.compose();
-        // The shadow of the far upper edge, x = −0.05 m, lies at 0.3 − 0.35 · 0.4 / 0.3 = −0.1667
-        // m; those of its ends, y = ±0.05 m, at ±0.0667 m.
+        // The far upper edge, x = −0.05 m, casts its shadow at 0.3 − 0.35 · 0.4 / 0.3 =
+        // −0.1667 m; its ends, y = ±0.05 m, cast theirs at ±0.0667 m.
         for at in [[-0.155, 0.0], [-0.155, 0.055], [-0.09, -0.04]] {
             let at = Vec3::new(at[0], at[1], 0.0);
             assert_linear(&stage, &picture, at, camera_linear(&stage), tolerance);

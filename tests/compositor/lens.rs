@@ -173,7 +173,7 @@ fn edge_error(distortion: [f64; 5], x_pixel: f64) -> (f64, f64) {
     (worst, (centre - 0.5 * (first + last)).abs())
 }
 
-/// The error of the measurement itself is included.
+/// The case without a lens shows the error of the measurement itself.
 #[test]
 fn edge_of_two_triangles_follows_the_distortion() {
     for distortion in [[0.0; 5]].into_iter().chain(LENSES) {

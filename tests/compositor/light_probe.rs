@@ -53,7 +53,7 @@ fn pixel(x: u32, y: u32, of: impl Fn(DVec2) -> Vec3) -> Vec3 {
     (0..16).map(|k| of(at(k))).sum::<Vec3>() / 16.0
 }
 
-/// The picture of a table with a mirrored sphere_part on it.
+/// The picture of a table with a mirrored sphere on it.
 fn photograph(stage: &Stage) -> Picture {
     let pose = stage.pose.unwrap();
     let (eye, mut picture) = (pose.translation, stage.picture.clone());

@@ -1,4 +1,4 @@
-//! Edges of the real scene, which proxies and poses displace slightly.
+//! Edges of the real scene whose proxies are slightly displaced.
 
 use crate::stage::{Stage, cell, lighting, looking_from, part, sun};
 use glam::{DVec3, Vec3};

@@ -1,4 +1,4 @@
-//! Virtual objects under a rolling shutter: they are skewed as the real ones.
+//! Virtual objects under a rolling shutter: they are skewed like the real ones.
 
 use crate::soft_dots;
 use crate::stage::{Stage, flat, lighting, looking_from, spiral};
