@@ -107,13 +107,8 @@ impl ExposurePass {
         ]
         .map(|layout| CachedGroup::new("exposure", layout));
         let groups = [&summing[0].layout, &summing[1].layout];
-        let table = [
-            "sum_blocks",
-            "scan_rows",
-            "scan_columns",
-            "summarise_regions",
-        ]
-        .map(|entry| compute_pipeline(device, &module, &groups, entry));
+        let table = ["sum_blocks", "scan_rows", "scan_columns", "region_means"]
+            .map(|entry| compute_pipeline(device, &module, &groups, entry));
         let module = shaders::one(device, picture);
         let build = |vertex, fragment| {
             PipelineSpec {

@@ -157,7 +157,7 @@ fn gentleness(reliable: f32, clipped_share: f32) -> f32 {
 }
 
 @compute @workgroup_size(8, 8)
-fn summarise_regions(@builtin(global_invocation_id) id: vec3u) {
+fn region_means(@builtin(global_invocation_id) id: vec3u) {
     let size = textureDimensions(camera);
     let blocks = blocks_of(size);
     let block = vec2i(id.xy);
