@@ -1,5 +1,6 @@
-//! Glossy surfaces under maps, from the prefiltered chain, beside plain numerical integration
-//! and the paper's chain of box-filtered maps. `--nocapture` shows the table of errors.
+//! Glossy surfaces under environment maps: the prefiltered chain is compared with plain numerical
+//! integration and with the paper's chain of box-filtered maps. `--nocapture` shows the table of
+//! errors.
 
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
@@ -8,7 +9,7 @@ mod maps;
 
 use glam::Vec3;
 use integral::{Integrator, View, boxed, prefiltered, reflectance};
-use maps::{SPOT, drawn, real};
+use maps::{SPOT, real, rendered};
 use penumbra_lighting::CubeMap;
 use penumbra_lighting::box_chain::box_chain;
 use penumbra_lighting::compact_source_specular::excesses;
@@ -32,7 +33,7 @@ fn lobes() -> impl Iterator<Item = (Family, f32, f32)> {
     ggx.into_iter().chain(phong)
 }
 
-/// Surfaces all round, and some that mirror the spot or what is beside it.
+/// Surfaces in all directions, and some that mirror the spot or its surroundings.
 fn views() -> Vec<View> {
     let mut all = Vec::new();
     for (k, n_dot_v) in SLANTS.into_iter().enumerate() {
@@ -57,7 +58,7 @@ fn views() -> Vec<View> {
     all
 }
 
-/// As the program makes it: sources are looked for, and left out of the levels.
+/// Builds the chain as the program does: sources are detected and left out of the levels.
 fn chain(map: &[Vec3]) -> CubeMap {
     let grid = CubeGrid::new(SIZE);
     let samples = SampleGrid {
@@ -75,12 +76,12 @@ fn chain(map: &[Vec3]) -> CubeMap {
     PREFILTER.apply_without(map, &excesses(&grid, map, &without, &towards, &widths))
 }
 
-/// Root mean square errors over the views by the root mean square, prefiltered and boxed.
+/// Root mean square errors over the views, relative to the root mean square of the ground truth.
 struct Errors {
     lobe: (Family, f32),
     prefiltered: f64,
     boxed: f64,
-    /// Root mean square of the truth.
+    /// Sum of the squared ground truth.
     size: f64,
 }
 
@@ -117,7 +118,7 @@ fn errors(maps: &[Vec<Vec3>]) -> Vec<Vec<Errors>> {
     all
 }
 
-/// Over all lobes of a family.
+/// Root mean square error over all lobes of a family.
 fn overall(list: &[Errors], family: Family, of: impl Fn(&Errors) -> f64) -> f64 {
     let of_family = || list.iter().filter(|e| e.lobe.0 == family);
     let sum: f64 = of_family().map(|e| of(e).powi(2) * e.size).sum();
@@ -135,60 +136,60 @@ fn print(name: &str, list: &[Errors]) {
 }
 
 #[test]
-fn constant_light_comes_back_as_the_albedo_says() {
+fn constant_light_is_scaled_by_the_albedo() {
     let all = errors(&[vec![Vec3::new(0.3, 1.0, 2.0); 6 * (SIZE * SIZE) as usize]]);
     print("constant", &all[0]);
     for e in &all[0] {
-        // GGX's sum goes over 1024 half vectors.
-        let most = if e.lobe.0 == Family::Phong {
+        // GGX's sum has 1024 half vectors.
+        let limit = if e.lobe.0 == Family::Phong {
             2e-3
         } else {
             8e-3
         };
-        assert!(e.prefiltered < most, "{:?}: {}", e.lobe, e.prefiltered);
+        assert!(e.prefiltered < limit, "{:?}: {}", e.lobe, e.prefiltered);
     }
 }
 
 #[test]
-fn gradients_are_followed() {
-    let all = errors(&[drawn(SIZE, |d| {
+fn gradients_are_reproduced() {
+    let all = errors(&[rendered(SIZE, |d| {
         Vec3::new(1.0 + 0.8 * d.z, 1.0 - 0.5 * d.x, 1.0 + 0.9 * d.y)
     })]);
     print("gradient", &all[0]);
     for e in &all[0] {
-        let most = if e.lobe.0 == Family::Phong {
+        let limit = if e.lobe.0 == Family::Phong {
             0.025
         } else {
             0.05
         };
-        assert!(e.prefiltered < most, "{:?}: {}", e.lobe, e.prefiltered);
+        assert!(e.prefiltered < limit, "{:?}: {}", e.lobe, e.prefiltered);
     }
 }
 
 #[test]
-fn a_small_source_is_the_hardest() {
-    let all = errors(&[drawn(SIZE, maps::spot)]);
+fn small_source_is_closer_than_from_the_papers_chain() {
+    let all = errors(&[rendered(SIZE, maps::spot)]);
     print("spot", &all[0]);
     for e in &all[0] {
-        let most = if e.lobe.0 == Family::Phong {
+        let limit = if e.lobe.0 == Family::Phong {
             0.06
         } else {
             0.14
         };
-        assert!(e.prefiltered < most, "{:?}: {}", e.lobe, e.prefiltered);
+        assert!(e.prefiltered < limit, "{:?}: {}", e.lobe, e.prefiltered);
         assert!(e.prefiltered < e.boxed, "{:?}", e.lobe);
     }
 }
 
 #[test]
-fn photographed_maps_come_out_nearer_than_from_the_papers_chain() {
+fn photographed_maps_are_closer_than_from_the_papers_chain() {
     let Some(maps) = real(SIZE) else { return };
     let (names, texels): (Vec<_>, Vec<_>) = maps.into_iter().unzip();
     // The sun outdoors is a hundred thousand times as bright as the sky.
-    let most = [[0.12, 0.06], [0.03, 0.02]];
-    for ((name, list), most) in names.iter().zip(errors(&texels)).zip(most) {
+    let limit = [[0.12, 0.06], [0.03, 0.02]];
+    for ((name, list), limit) in names.iter().zip(errors(&texels)).zip(limit) {
         print(name, &list);
-        for (family, most) in [Family::Ggx, Family::Phong].into_iter().zip(most) {
+        for (family, limit) in [Family::Ggx, Family::Phong].into_iter().zip(limit) {
             let ours = overall(&list, family, |e| e.prefiltered);
             let theirs = overall(&list, family, |e| e.boxed);
             eprintln!(
@@ -197,7 +198,7 @@ fn photographed_maps_come_out_nearer_than_from_the_papers_chain() {
                 100.0 * theirs
             );
             assert!(
-                ours < most && ours < theirs,
+                ours < limit && ours < theirs,
                 "{name} {family:?}: {ours} {theirs}"
             );
         }
@@ -207,8 +208,8 @@ fn photographed_maps_come_out_nearer_than_from_the_papers_chain() {
     }
 }
 
-/// Helmholtz: what l sends to v, v sends to l. (The prefiltered look-up is no longer
-/// reciprocal; the model that it stands for is.)
+/// Helmholtz reciprocity: l to v equals v to l. (The prefiltered look-up is not reciprocal; the
+/// underlying model is.)
 #[test]
 fn both_models_are_reciprocal() {
     for (family, _, p) in lobes() {
