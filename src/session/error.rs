@@ -51,7 +51,7 @@ pub enum SessionError {
     },
     /// The file ends before its first complete chunk.
     #[error("{path}: truncated before its first complete chunk; nothing can be replayed", path = path.display())]
-    NothingWhole {
+    NoCompleteChunk {
         /// The file.
         path: PathBuf,
     },
