@@ -74,7 +74,7 @@ pub fn begin(status: &SharedStatus, source: &Source, setup: &RigSetup, gpu: &Gpu
 
 /// Warning of a live rig without a calibration.
 const UNCALIBRATED: &str = "the rig is not calibrated, so no virtual objects are shown; set \
-    [calibration] from to the folder of its calibration";
+    `[calibration] from` to the folder of its calibration";
 
 /// Publishes the state of a live rig while no picture arrives.
 pub fn publish_idle(status: &SharedStatus, source: &Source, rates: &Rates) {

@@ -85,14 +85,14 @@ pub enum SessionError {
         /// The name.
         name: String,
     },
-    /// Something that cannot be recorded.
+    /// An event cannot be recorded.
     #[error("{path}: cannot record {what}: {reason}", path = path.display())]
     Unrecordable {
         /// The file.
         path: PathBuf,
         /// The message or stream.
         what: String,
-        /// Why not.
+        /// The reason.
         reason: String,
     },
 }

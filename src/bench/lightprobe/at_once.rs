@@ -14,7 +14,7 @@ use std::time::Instant;
 /// Number of pictures that are rendered in advance and repeated.
 const STILLS: u32 = 30;
 
-/// Input of each instant.
+/// Estimates the lighting of each instant.
 struct Reader {
     estimator: EnvironmentEstimator,
     camera: PinholeCamera,
