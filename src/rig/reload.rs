@@ -37,7 +37,7 @@ impl Loaded {
 }
 
 /// The outcome of a change.
-pub(super) enum SceneUpdate {
+pub(super) enum ReloadOutcome {
     /// The scene can be shown.
     Loaded(Box<Loaded>),
     /// The scene cannot be read and the previous one is kept; the message for the user.
@@ -57,9 +57,9 @@ pub(super) struct Origin {
     pub uploader: SceneUploader,
 }
 
-/// The reload thread and the channel of its updates. Dropping it ends the thread.
+/// The reload thread and the channel of its outcomes. Dropping it ends the thread.
 pub(super) struct Reload {
-    updates: Option<Receiver<SceneUpdate>>,
+    outcomes: Option<Receiver<ReloadOutcome>>,
     stop: Option<Sender<()>>,
     thread: Option<JoinHandle<()>>,
 }
@@ -70,34 +70,34 @@ impl Reload {
     /// # Errors
     /// The system cannot start a thread.
     pub fn start(origin: Origin) -> Result<Self, RigError> {
-        let (sender, updates) = bounded(1);
+        let (sender, outcomes) = bounded(1);
         let (stop, stopped) = bounded(1);
         let mut watcher = FileWatcher::new(origin);
         let thread = threads::spawn_background("scene", move || {
             while stopped.recv_timeout(POLL_EVERY) == Err(RecvTimeoutError::Timeout) {
-                if let Some(update) = watcher.poll()
-                    && sender.send(update).is_err()
+                if let Some(outcome) = watcher.poll()
+                    && sender.send(outcome).is_err()
                 {
                     return;
                 }
             }
         });
         Ok(Self {
-            updates: Some(updates),
+            outcomes: Some(outcomes),
             stop: Some(stop),
             thread: Some(thread.map_err(|source| RigError::Thread { source })?),
         })
     }
 
     /// Returns the outcome of a change since the last call.
-    pub fn update(&self) -> Option<SceneUpdate> {
-        self.updates.as_ref()?.try_recv().ok()
+    pub fn poll(&self) -> Option<ReloadOutcome> {
+        self.outcomes.as_ref()?.try_recv().ok()
     }
 }
 
 impl Drop for Reload {
     fn drop(&mut self) {
-        self.updates = None;
+        self.outcomes = None;
         self.stop = None;
         if let Some(thread) = self.thread.take() {
             let _ = thread.join();
@@ -131,7 +131,7 @@ impl FileWatcher {
     }
 
     /// Reads the scene again once its files have changed and are equal in two successive polls.
-    fn poll(&mut self) -> Option<SceneUpdate> {
+    fn poll(&mut self) -> Option<ReloadOutcome> {
         let now = stamps(&self.files);
         let is_stable = now == self.polled;
         self.polled = now;
@@ -141,11 +141,11 @@ impl FileWatcher {
         self.files = files_of(&self.origin.path);
         self.read = stamps(&self.files);
         self.polled.clone_from(&self.read);
-        let update = self.load();
-        Some(update.unwrap_or_else(|error| SceneUpdate::Failed(error.to_string())))
+        let outcome = self.load();
+        Some(outcome.unwrap_or_else(|error| ReloadOutcome::Failed(error.to_string())))
     }
 
-    fn load(&mut self) -> Result<SceneUpdate, RigError> {
+    fn load(&mut self) -> Result<ReloadOutcome, RigError> {
         let origin = &mut self.origin;
         let scene = SceneAddition::load(&origin.path)?.onto(origin.phantoms.clone());
         let casters = casters(&scene);
@@ -153,7 +153,7 @@ impl FileWatcher {
         let light = SceneLight::new(&origin.rig, &origin.config, both, &casters)?;
         let uploaded = origin.uploader.upload(&scene, &casters);
         origin.shown = Arc::new(scene);
-        Ok(SceneUpdate::Loaded(Box::new(Loaded {
+        Ok(ReloadOutcome::Loaded(Box::new(Loaded {
             scene: origin.shown.clone(),
             uploaded,
             light,

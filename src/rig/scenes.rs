@@ -4,7 +4,7 @@ use crate::context::RunContext;
 use crate::error::RigError;
 use crate::light::updates::SceneUpdates;
 use crate::planes::PlaneBakes;
-use crate::reload::{Loaded, Origin, Reload, SceneUpdate};
+use crate::reload::{Loaded, Origin, Reload, ReloadOutcome};
 use crate::setup::RigSetup;
 use glam::DQuat;
 use penumbra_compositor::Compositor;
@@ -87,9 +87,9 @@ impl Scenes {
         planes: &mut PlaneBakes,
         compositor: &mut Compositor,
     ) -> Result<(), RigError> {
-        match self.reload.as_ref().and_then(Reload::update) {
-            Some(SceneUpdate::Loaded(loaded)) => self.set_next(context, loaded),
-            Some(SceneUpdate::Failed(reason)) => self.reject(context, reason),
+        match self.reload.as_ref().and_then(Reload::poll) {
+            Some(ReloadOutcome::Loaded(loaded)) => self.set_next(context, loaded),
+            Some(ReloadOutcome::Failed(reason)) => self.reject(context, reason),
             None => (),
         }
         let wanted = self.next.as_ref().map_or(&self.shown, |next| &next.scene);
