@@ -87,7 +87,7 @@ pub enum RigError {
         "the rig has no markers to verify it with; print and fix some, and run `penumbra calibrate \
          map`, or list them in rig.json"
     )]
-    NothingToCheckBy,
+    NoMarkersToVerify,
     /// The list of markers is invalid.
     #[error("rig.json: markers: {reason}")]
     Markers {

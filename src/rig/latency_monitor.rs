@@ -36,9 +36,9 @@ const MAX_SIGMA_SECONDS: f64 = 2e-3;
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct LatencyState {
     /// Active latency, nanoseconds.
-    pub in_force_nanos: i64,
+    pub active_nanos: i64,
     /// State of the measurement; `None` if the latency is not measured.
-    pub followed: Option<OffsetState>,
+    pub measurement: Option<OffsetState>,
 }
 
 /// A message to the measurement.
@@ -169,10 +169,10 @@ impl LatencyMonitor {
     /// Returns the active and the measured latency. With `is_over`, waits for the estimate from all
     /// data sent; a live rig does not wait.
     pub fn state(&mut self, active_nanos: i64, is_over: bool) -> LatencyState {
-        let followed = if is_over { self.finish() } else { self.known() };
+        let measurement = if is_over { self.finish() } else { self.known() };
         LatencyState {
-            in_force_nanos: active_nanos,
-            followed: Some(followed),
+            active_nanos,
+            measurement: Some(measurement),
         }
     }
 

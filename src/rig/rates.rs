@@ -86,16 +86,16 @@ impl Default for Rates {
 impl Rates {
     /// Records a composed picture. `counts` are the deliveries so far; `skew_nanos` is the age of
     /// its environment picture.
-    pub fn composed(&mut self, counts: &FeedCounts, skew_nanos: Option<i64>) {
+    pub fn record_composed(&mut self, counts: &FeedCounts, skew_nanos: Option<i64>) {
         self.composed.record(self.clock.now());
-        self.idle(counts);
+        self.record_idle(counts);
         if let Some(nanos) = skew_nanos {
             self.skew.record(Duration::from_nanos(nanos.unsigned_abs()));
         }
     }
 
     /// Records the deliveries so far while no picture is composed.
-    pub fn idle(&mut self, counts: &FeedCounts) {
+    pub fn record_idle(&mut self, counts: &FeedCounts) {
         let now = self.clock.now();
         let received = [counts.scene_frames, counts.environment_frames, counts.poses];
         for (device, received) in self.devices.iter_mut().zip(received) {
@@ -151,7 +151,7 @@ mod tests {
     fn skew_is_available_after_the_first_pair() {
         let mut rates = Rates::default();
         assert_eq!(rates.skew_ms(), None);
-        rates.composed(&FeedCounts::default(), Some(50_000_000));
+        rates.record_composed(&FeedCounts::default(), Some(50_000_000));
         let [median, p99] = rates.skew_ms().unwrap_or_default();
         assert!((median - 50.0).abs() < 2.0 && (p99 - 50.0).abs() < 2.0);
     }

@@ -131,7 +131,7 @@ impl SkewMeter {
 
 impl InputCounts {
     /// Adds the counts of the pairing.
-    pub fn take(&mut self, counts: &PairingCounts) {
+    pub fn add_pairing(&mut self, counts: &PairingCounts) {
         self.environment_sets += counts.environment_sets;
         self.incomplete_sets += counts.incomplete_sets;
         self.rejected_poses += counts.rejected_poses;

@@ -65,11 +65,14 @@ impl RigSetup {
         if self.pose == PoseSource::Markers {
             return None;
         }
-        Some(self.camera_of(frame.pose.as_ref()?.transmitter_from_sensor))
+        Some(self.world_from_scene_camera(frame.pose.as_ref()?.transmitter_from_sensor))
     }
 
     /// Returns `world_from_scene_camera` for a pose of the tracker's sensor.
-    pub(crate) fn camera_of(&self, transmitter_from_sensor: RigidTransform) -> RigidTransform {
+    pub(crate) fn world_from_scene_camera(
+        &self,
+        transmitter_from_sensor: RigidTransform,
+    ) -> RigidTransform {
         let tracker = self.calibration.tracker.as_ref();
         let sensor = transmitter_from_sensor;
         tracker.map_or(sensor, |t| t.world_from_scene_camera(sensor))
