@@ -67,7 +67,7 @@ impl Recorder {
     /// Starts a recording into a new file at `path`, which ends after `max_duration`.
     ///
     /// # Errors
-    /// Another recording is running, the file exists or cannot be created, or the system cannot
+    /// Another recording is running, the file exists or cannot be written, or the system cannot
     /// start a thread.
     pub fn start(&self, path: &Path, max_duration: Option<Duration>) -> Result<(), RigError> {
         let mut running = self.running.lock().unwrap_or_else(PoisonError::into_inner);
