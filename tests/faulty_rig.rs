@@ -248,7 +248,7 @@ fn faulty_scene_camera_is_reported_and_reopened() {
     });
     let told = rig.status.snapshot().session.description;
     assert!(
-        told.contains("no picture comes: scene: not there"),
+        told.contains("no picture arrives: scene: not there"),
         "{told}"
     );
     scene.plug_in();

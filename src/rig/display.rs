@@ -190,10 +190,10 @@ impl DisplayPredictor {
         frame: &RigFrame,
         (known, at): (MonotonicTime, MonotonicTime),
     ) -> Option<(RigidTransform, Option<[f64; 2]>)> {
-        let now = setup.camera_of(frame.pose.as_ref()?.transmitter_from_sensor);
+        let now = setup.world_from_scene_camera(frame.pose.as_ref()?.transmitter_from_sensor);
         let then = tracker.poses.expected(at, known, MAX_PREDICTION_NANOS)?;
         let noise = setup.camera_noise(&then);
-        let then = setup.camera_of(then.transmitter_from_sensor);
+        let then = setup.world_from_scene_camera(then.transmitter_from_sensor);
         Some((now.inverse() * then, noise))
     }
 

@@ -264,8 +264,8 @@ impl Worker {
             latency: match &mut self.latency {
                 Some(monitor) => monitor.state(active_nanos, is_over),
                 None => LatencyState {
-                    in_force_nanos: active_nanos,
-                    followed: None,
+                    active_nanos,
+                    measurement: None,
                 },
             },
         }

@@ -184,7 +184,7 @@ impl Run {
         self.count(prepared);
         let environment = prepared.frame.environment.as_ref();
         let skew = environment.map(|e| e.skew_nanos);
-        self.rates.composed(&prepared.counts.feed, skew);
+        self.rates.record_composed(&prepared.counts.feed, skew);
         published::publish(&Published {
             status: &context.status,
             source: &context.source,
@@ -219,7 +219,7 @@ impl Run {
             self.publish_picture(context)?;
         }
         self.counts = Some(*counts);
-        self.rates.idle(&counts.feed);
+        self.rates.record_idle(&counts.feed);
         published::publish_idle(&context.status, &context.source, &self.rates);
         Ok(())
     }
@@ -359,7 +359,7 @@ impl Run {
     /// Adds counts to the report: pairing counts cover one loop, the others all loops.
     fn add(&mut self, counts: &Counts) {
         self.latency = counts.latency;
-        self.inputs.take(&counts.pairing);
+        self.inputs.add_pairing(&counts.pairing);
         self.frames.in_session = counts.feed.scene_frames;
         self.inputs.environment_frames = counts.feed.environment_frames;
         self.inputs.poses = counts.feed.poses;
