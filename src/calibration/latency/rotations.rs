@@ -4,8 +4,7 @@ use super::model::{CameraRotation, ClockOffset, LatencyError};
 use super::scan::{Fit, scan};
 use super::selection::{SPAN, accept_minimum, covered_spans, independent_count, spans_within};
 use super::track::TrackerTrack;
-use crate::hand_eye::best_rotation;
-use penumbra_numerics::rotation_vector;
+use penumbra_numerics::{best_rotation, rotation_vector};
 
 /// Finds the offset from rotations. The camera's orientation on the sensor is fitted along with it.
 ///
@@ -46,7 +45,7 @@ fn fit(
         by_camera.push(rotation_vector(camera.rotation));
     }
     let pairs = || by_tracker.iter().copied().zip(by_camera.iter().copied());
-    let rotation = best_rotation(pairs())?;
+    let rotation = best_rotation(pairs().map(|(a, b)| (b, a, 1.0)))?.rotation;
     let residuals = pairs().flat_map(|(a, b)| (a - rotation * b).to_array());
     let power: f64 = pairs()
         .map(|(a, b)| a.length_squared() + b.length_squared())

@@ -2,7 +2,7 @@
 
 use super::panel::Panel;
 use glam::DVec3;
-use penumbra_numerics::Random;
+use penumbra_numerics::{Random, smoothstep};
 
 /// Side of the texture tile, points.
 const TILE: usize = 256;
@@ -75,8 +75,10 @@ fn texture(seed: u64) -> Vec<f32> {
         for (i, slot) in out.iter_mut().enumerate() {
             let scale = cells as f64 / TILE as f64;
             let (u, v) = ((i % TILE) as f64 * scale, (i / TILE) as f64 * scale);
-            let smooth = |t: f64| t * t * (3.0 - 2.0 * t);
-            let (a, b) = (smooth(u.fract()), smooth(v.fract()));
+            let (a, b) = (
+                smoothstep(0.0, 1.0, u.fract()),
+                smoothstep(0.0, 1.0, v.fract()),
+            );
             let (x, y) = (u as usize, v as usize);
             let at = |x: usize, y: usize| values[(y % cells) * cells + x % cells];
             let top = at(x, y) * (1.0 - a) + at(x + 1, y) * a;

@@ -4,11 +4,11 @@ use super::bundle::Bundle;
 use super::initial_poses::{initialise_poses, tag_corners};
 use super::schur::TAG_UNKNOWNS;
 use super::{MapTag, View};
-use crate::hand_eye::best_rotation;
 use glam::DVec3;
 use penumbra_camera::Lens;
 use penumbra_camera::PinholeCamera;
 use penumbra_interface::RigidTransform;
+use penumbra_numerics::best_rotation;
 use penumbra_numerics::{median, root_mean_square};
 use penumbra_rig_model::Grade;
 
@@ -349,8 +349,8 @@ fn best_transform(points: &[(DVec3, DVec3)]) -> Option<RigidTransform> {
     let count = points.len().max(1) as f64;
     let centroid = |of: fn(&(DVec3, DVec3)) -> DVec3| points.iter().map(of).sum::<DVec3>() / count;
     let (a_centre, b_centre) = (centroid(|p| p.0), centroid(|p| p.1));
-    let centred = points.iter().map(|p| (p.0 - a_centre, p.1 - b_centre));
-    let rotation = best_rotation(centred)?;
+    let centred = points.iter().map(|p| (p.1 - b_centre, p.0 - a_centre, 1.0));
+    let rotation = best_rotation(centred)?.rotation;
     Some(RigidTransform::new(
         rotation,
         a_centre - rotation * b_centre,

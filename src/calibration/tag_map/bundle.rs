@@ -7,11 +7,15 @@ use super::{MapTag, View};
 use glam::{DQuat, DVec2, DVec3};
 use penumbra_camera::Lens;
 use penumbra_interface::RigidTransform;
+use penumbra_numerics::{Stop, descend};
 
 /// Threshold of the Huber loss (Huber 1964) on reprojection errors, pixels.
 const HUBER: f64 = 0.5;
-/// Maximum number of iterations.
-const MAX_ITERATIONS: usize = 40;
+/// End of the adjustment.
+const STOP: Stop = Stop {
+    iterations: 40,
+    min_gain: 1e-9,
+};
 /// Weight of the prior that keeps a tag at its given size.
 const SIZE_PRIOR: f64 = 1e10;
 
@@ -192,25 +196,16 @@ impl Bundle<'_> {
         out
     }
 
-    /// Minimises the cost from the current state (Levenberg 1944, Marquardt 1963).
+    /// Minimises the cost from the current state.
     pub fn adjust(&mut self) {
-        let (mut cost, mut damping) = (self.cost(), 1e-4);
-        for _ in 0..MAX_ITERATIONS {
-            let step = self.reduced(damping).and_then(|r| r.solve(damping));
-            let next = step.map(|(tags, cameras)| self.stepped(&tags, &cameras));
-            let better = next.map(|n| (n.cost(), n)).filter(|(c, _)| *c < cost);
-            let Some((lower, next)) = better else {
-                damping *= 10.0;
-                if damping > 1e6 {
-                    break;
-                }
-                continue;
-            };
-            let decrease = cost - lower;
-            (*self, cost, damping) = (next, lower, (damping * 0.2).max(1e-9));
-            if decrease < 1e-9 * cost.max(1e-9) {
-                break;
-            }
+        let start = self.clone();
+        let linearise = |bundle: &Self| Some((bundle.cost(), ()));
+        let step = |bundle: &Self, (): &(), damping| {
+            let (tags, cameras) = bundle.reduced(damping)?.solve(damping)?;
+            Some(bundle.stepped(&tags, &cameras))
+        };
+        if let Some((best, ())) = descend(start, STOP, linearise, step) {
+            *self = best;
         }
     }
 }

@@ -6,6 +6,7 @@ use super::super::exposure::region::{BLOCK, Region, estimate as e, trust};
 use super::super::frame_input::FrameInput;
 use glam::{DVec3, DVec4};
 use penumbra_camera::Response;
+use penumbra_numerics::smoothstep;
 use penumbra_picture::Picture;
 use penumbra_scene::Highlights;
 
@@ -130,7 +131,11 @@ impl Sums {
         let surround =
             (self.reliable_squared + faint * f64::from(e::USUAL)) / (self.reliable + faint);
         let edge = (1.0 - surround).clamp(0.0, 1.0);
-        let size = smoothstep(e::SMALL_SHARE, e::LARGE_SHARE, self.clipped / self.pixels);
+        let size = smoothstep(
+            f64::from(e::SMALL_SHARE),
+            f64::from(e::LARGE_SHARE),
+            self.clipped / self.pixels,
+        );
         let small = f64::from(e::SMALL_EXCESS);
         edge * edge * (small + (f64::from(e::LARGE_EXCESS) - small) * size)
     }
@@ -139,7 +144,8 @@ impl Sums {
     fn gentleness(&self) -> f64 {
         let free = 1.0 - self.clipped / self.pixels;
         let mean = self.reliable / self.pixels / (free + 1e-3);
-        smoothstep(e::SHARP, e::GENTLE, mean) * (free * f64::from(e::ENOUGH)).clamp(0.0, 1.0)
+        smoothstep(f64::from(e::SHARP), f64::from(e::GENTLE), mean)
+            * (free * f64::from(e::ENOUGH)).clamp(0.0, 1.0)
     }
 }
 
@@ -150,11 +156,6 @@ fn around(region: &Sums, near: &Sums) -> DVec4 {
     let colour = near.colour / near.pixels + far * region.colour / region.pixels;
     let colour = colour / (colour.max_element() + far * f64::from(e::FAINT));
     colour.extend(region.excess() * (1.0 - near.gentleness()))
-}
-
-fn smoothstep(low: f32, high: f32, x: f64) -> f64 {
-    let t = ((x - f64::from(low)) / f64::from(high - low)).clamp(0.0, 1.0);
-    t * t * (3.0 - 2.0 * t)
 }
 
 /// The surroundings of each block.
