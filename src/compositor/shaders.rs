@@ -1,7 +1,7 @@
 //! The text of shaders: the file of a pass after the library files that it uses.
 
 use super::lamp_maps::MAX_VIEWS;
-use super::planes::options::SOURCES;
+use super::planes::options::MAX_SOURCES;
 use super::response_table::ENCODING;
 use penumbra_lighting::light::MAX_COMPACT_SOURCES;
 use penumbra_scene::lamps::MAX_LAMPS;
@@ -323,8 +323,8 @@ pub fn baking(resolution: u32) -> [(&'static str, String); 4] {
 #[must_use]
 pub fn lighting() -> (&'static str, String) {
     let text = include_str!("shaders/planes_lights.wgsl");
-    let sources = format!("{}u", SOURCES);
-    ("planes_lights", text.replace("SOURCES", &sources))
+    let sources = format!("{}u", MAX_SOURCES);
+    ("planes_lights", text.replace("MAX_SOURCES", &sources))
 }
 
 /// The shader that plans which basis images are summed.

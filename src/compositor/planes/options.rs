@@ -2,9 +2,9 @@
 
 use penumbra_scene::PlaneShading;
 
-/// Compact sources at most that get lights of their own beside the faces of the dome: outdoors the
-/// sun is the only one; in a room the third source casts faint shadows.
-pub const SOURCES: usize = 2;
+/// Maximum number of compact sources with lights of their own beside the faces of the dome:
+/// outdoors the sun is the only one; in a room the third source casts faint shadows.
+pub const MAX_SOURCES: usize = 2;
 
 /// When sums are made anew. All are shares of all the light that a plane gets.
 #[derive(Clone, Copy, Debug, PartialEq)]
