@@ -1,11 +1,11 @@
 //! Lens distortion.
 //!
-//! Graphics hardware draws straight triangles. The picture of a camera with distortion is
-//! therefore undistorted, the frame is composed in the undistorted picture, and its changes are
-//! distorted back into the camera picture: each pixel of the camera picture looks up its position in
-//! the undistorted picture, exactly by the camera model, independently of the size of the triangles.
-//! Pixels without virtual changes stay the camera's, bit for bit. A camera without distortion has no
-//! such stage.
+//! Graphics hardware draws straight triangles. The picture of a camera with distortion is therefore
+//! undistorted, the frame is composed in the undistorted picture, and its changes are distorted
+//! back into the camera picture: each pixel of the camera picture looks up its position in the
+//! undistorted picture, exactly by the camera model, independently of the size of the triangles.
+//! Pixels without virtual changes stay the camera's, bit for bit. A camera without distortion has
+//! no such stage.
 
 use super::bindings::{CachedGroup, PipelineSpec, Slot, group, layout, view};
 use super::recorder::Recorder;

@@ -1,9 +1,9 @@
 //! Late reprojection: the finished picture as seen from the pose at which it is displayed.
 //!
-//! A picture is composed for the instant at which it was taken, so that real and virtual
-//! objects are registered. By the time it is displayed, the camera has moved. The picture is
-//! therefore warped to the pose predicted for that time, as a plane in front of the camera at the
-//! distance of the virtual objects: correct for every rotation of the head, and for its translation at that
+//! A picture is composed for the instant at which it was taken, so that real and virtual objects
+//! are registered. By the time it is displayed, the camera has moved. The picture is therefore
+//! warped to the pose predicted for that time, as a plane in front of the camera at the distance of
+//! the virtual objects: correct for every rotation of the head, and for its translation at that
 //! distance (van Waveren, "The asynchronous time warp for virtual reality on consumer hardware",
 //! 2016). Areas that have come into view since then are missing: the edge is repeated there.
 

@@ -41,8 +41,8 @@ pub struct Variant {
     pub samples: u32,
     /// Look-ups of a shadow map per light and point; 1 = hard shadows.
     pub soft: u32,
-    /// Whether there are lamps. Without them their code is omitted: software drivers run the body of a
-    /// loop once even if there is nothing to iterate over.
+    /// Whether there are lamps. Without them their code is omitted: software drivers run the body
+    /// of a loop once even if there is nothing to iterate over.
     pub lamps: bool,
     /// Whether any lamp is a rectangle.
     pub areas: bool,

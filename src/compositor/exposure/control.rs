@@ -32,9 +32,9 @@ impl Brightness {
         (self.camera + self.added - self.taken).max(1e-4)
     }
 
-    /// Returns the exposure, in stops, that preserves the mean brightness of the camera's picture, as
-    /// its own automatic exposure would. A picture darker than the key is brightened up to the key,
-    /// and is darkened only when virtual lights make it brighter than that.
+    /// Returns the exposure, in stops, that preserves the mean brightness of the camera's picture,
+    /// as its own automatic exposure would. A picture darker than the key is brightened up to the
+    /// key, and is darkened only when virtual lights make it brighter than that.
     #[must_use]
     pub fn target_stops(&self, limits: &AutoLimits) -> f32 {
         let lit = self.lit();

@@ -82,8 +82,8 @@ impl Meter {
         }
     }
 
-    /// Begins a frame; returns the measurement of [`LATENCY_FRAMES`] frames before, if there was one.
-    /// Waits for its submission.
+    /// Begins a frame; returns the measurement of [`LATENCY_FRAMES`] frames before, if there was
+    /// one. Waits for its submission.
     pub fn begin(&mut self, gpu: &Gpu) -> Option<Brightness> {
         self.number = (self.number + 1) % LATENCY_FRAMES;
         let slot = &mut self.slots[self.number];
@@ -149,8 +149,8 @@ impl Meter {
     }
 }
 
-/// Returns the means from the workgroups' sums: camera luminance, added light, removed light, number
-/// of points; `None` without points or with values that are not finite.
+/// Returns the means from the workgroups' sums: camera luminance, added light, removed light,
+/// number of points; `None` without points or with values that are not finite.
 fn means(sums: &[[f32; 4]]) -> Option<Brightness> {
     let totals = sums.iter().fold([0.0_f64; 4], |mut totals, group| {
         totals

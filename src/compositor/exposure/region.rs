@@ -29,9 +29,9 @@ pub struct Region {
 }
 
 impl Region {
-    /// Returns the region for an exposure `factor` on linear light and a picture `height` in pixels:
-    /// its width grows linearly from one pixel at factor 1 to the maximum at 0, as in the paper, but
-    /// is at least a block.
+    /// Returns the region for an exposure `factor` on linear light and a picture `height` in
+    /// pixels: its width grows linearly from one pixel at factor 1 to the maximum at 0, as in the
+    /// paper, but is at least a block.
     pub fn for_factor(factor: f32, height: u32) -> Self {
         let widest = (height as f32 * MAX_HEIGHT_FRACTION).min(MAX_PIXELS);
         let side = 1.0 + (1.0 - factor).clamp(0.0, 1.0) * (widest - 1.0).max(0.0);
@@ -44,8 +44,8 @@ impl Region {
     }
 }
 
-/// Weight of the estimate of clipped light: 1 from a darkening of a fifth of a stop on, and 0 without
-/// darkening, so that the picture is continuous where the exposure leaves the camera's own.
+/// Weight of the estimate of clipped light: 1 from a darkening of a fifth of a stop on, and 0
+/// without darkening, so that the picture is continuous where the exposure leaves the camera's own.
 pub const fn trust(factor: f32) -> f32 {
     (8.0 * (1.0 - factor)).clamp(0.0, 1.0)
 }
@@ -71,8 +71,8 @@ pub mod estimate {
     pub const DEFAULT_LUMINANCE: f32 = 0.25;
     /// Weight of the entire region's mean colour relative to the neighbourhood's.
     pub const FAR_COLOUR: f32 = 0.05;
-    /// Mean luminance of the unclipped part of the neighbourhood: at most [`SHARP`] at a sharp edge,
-    /// at least [`GENTLE`] where light rises gradually.
+    /// Mean luminance of the unclipped part of the neighbourhood: at most [`SHARP`] at a sharp
+    /// edge, at least [`GENTLE`] where light rises gradually.
     pub const SHARP: f32 = 0.5;
     pub const GENTLE: f32 = 0.9;
     /// Minimum unclipped fraction of the neighbourhood for full weight of its luminance.

@@ -17,12 +17,13 @@ use penumbra_scene::Scene;
 use penumbra_scene::planes::{Bake, Layer};
 use wgpu::BufferUsages as U;
 
-/// Texels along a side of a direction's maps: half of the bake's, because they are drawn between two
-/// frames and must be fast.
+/// Texels along a side of a direction's maps: half of the bake's, because they are drawn between
+/// two frames and must be fast.
 const MAP_SIZE: u32 = 1024;
 
-/// Planes per frame for which a direction is evaluated on a software driver: this takes a quarter of
-/// a frame's time, as does drawing the direction's maps. A real GPU evaluates all planes at once.
+/// Planes per frame for which a direction is evaluated on a software driver: this takes a quarter
+/// of a frame's time, as does drawing the direction's maps. A real GPU evaluates all planes at
+/// once.
 const SOFTWARE_PLANES_PER_FRAME: u32 = 4;
 
 /// Twin of WGSL `Images` in `bake_source.wgsl`.
@@ -98,7 +99,8 @@ impl SourceBaker {
     /// the render thread.
     ///
     /// # Errors
-    /// The device, which need not be the one that made the bake, cannot hold the sums of all planes.
+    /// The device, which need not be the one that made the bake, cannot hold the sums of all
+    /// planes.
     pub fn new(gpu: &Gpu, scene: &Scene, bake: &Bake) -> Result<Self, GpuError> {
         let (device, queue) = (&gpu.device, &gpu.queue);
         let side = bake.settings.resolution;
@@ -108,7 +110,8 @@ impl SourceBaker {
         if 16 * texels > max_bytes {
             let reason = format!(
                 "the sums of compact sources on {planes} planes of {side}² texels take {} MB, the \
-                 device allows {} MB; choose fewer or smaller planes, or `sources = false`, in [planes]",
+                 device allows {} MB; choose fewer or smaller planes, or `sources = false`, \
+                 in [planes]",
                 texels >> 16,
                 max_bytes >> 20
             );

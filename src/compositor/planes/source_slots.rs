@@ -1,5 +1,5 @@
-//! Decides which compact sources have images of their own, and when these are baked again. It counts
-//! frames instead of reading a clock, so that replays are reproducible.
+//! Decides which compact sources have images of their own, and when these are baked again. It
+//! counts frames instead of reading a clock, so that replays are reproducible.
 
 use super::options::MAX_SOURCES;
 use glam::{Quat, Vec2, Vec3};
@@ -20,7 +20,8 @@ const MAX_DEVIATION_TO_START: f32 = 0.035;
 const MAX_DEVIATION_TO_KEEP: f32 = 0.2;
 /// Number of frames over which light moves between a source and its faces.
 const FADE_FRAMES: u8 = 8;
-/// Minimum ratio of the strengths of two sources for the stronger to replace the weaker in its slot.
+/// Minimum ratio of the strengths of two sources for the stronger to replace the weaker in its
+/// slot.
 const MIN_REPLACEMENT_RATIO: f32 = 1.5;
 /// Maximum number of directions from which a source's images are baked.
 const MAX_DIRECTIONS: usize = 16;
@@ -61,8 +62,8 @@ pub(super) struct BakeRequest {
 }
 
 impl BakeRequest {
-    /// Returns the mean direction: its scalar product with a surface's normal is the irradiance of a
-    /// surface that no caster shadows. It is shorter than 1 for a wide source.
+    /// Returns the mean direction: its scalar product with a surface's normal is the irradiance of
+    /// a surface that no caster shadows. It is shorter than 1 for a wide source.
     pub fn mean(&self) -> Vec3 {
         self.directions.iter().map(|(d, share)| *d * *share).sum()
     }

@@ -1,5 +1,5 @@
-//! Compact sources as lights of their own among the lights of shadowing planes: follows the sources,
-//! bakes their images, and moves their light out of the faces of the dome.
+//! Compact sources as lights of their own among the lights of shadowing planes: follows the
+//! sources, bakes their images, and moves their light out of the faces of the dome.
 
 use super::super::bindings::{Slot, compute_layout, compute_pipeline, group};
 use super::super::shaders;
@@ -81,8 +81,8 @@ impl SourceStage {
         true
     }
 
-    /// Divides the sums of faces among faces and sources if any of these changed; returns the lights
-    /// and whether they changed.
+    /// Divides the sums of faces among faces and sources if any of these changed; returns the
+    /// lights and whether they changed.
     pub fn record(
         &mut self,
         device: &wgpu::Device,

@@ -169,7 +169,8 @@ impl PlanesStage {
         ))
     }
 
-    /// Returns the lights that shade virtual objects: `lights` of the environment, or those of faces.
+    /// Returns the lights that shade virtual objects: `lights` of the environment, or those of
+    /// faces.
     pub(crate) fn shade<'a>(
         &'a mut self,
         input: &FrameInput<'_>,
@@ -188,7 +189,8 @@ impl PlanesStage {
             self.light_faces(&sum_faces(faces), shading == PlaneShading::Six);
             self.lights_made_for = Some((lighting.generation, shading));
         }
-        // Of the light that no dome light represents, only the ground's remains: π/2 · L · (1 − n.z).
+        // Of the light that no dome light represents, only the ground's remains: π/2 · L · (1 −
+        // n.z).
         let ground = Vec3::from_slice(&uniform.ground[..3]) * std::f32::consts::FRAC_PI_2;
         uniform.harmonics = [[0.0; 4]; 9];
         if uniform.params[2] > 0.0 {

@@ -88,7 +88,8 @@ fn sources_get_exactly_the_light_that_their_faces_lose() {
 #[test]
 fn no_face_loses_more_light_than_it_has() {
     let (gpu, sums) = (gpu(), sky());
-    // Both sources were brighter in an earlier frame, and one takes light of a face that does not exist.
+    // Both sources were brighter in an earlier frame, and one takes light of a face that does not
+    // exist.
     let first = source(1, &[(7, Vec3::splat(20.0)), (900, Vec3::ONE)]);
     let second = source(2, &[(7, Vec3::splat(20.0)), (9, Vec3::splat(0.1))]);
     let given = lights(&gpu, &sums, &following(&[first, second]));
