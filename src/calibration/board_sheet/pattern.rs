@@ -99,7 +99,7 @@ impl Pattern {
         size: f64,
         at: impl Fn(i32, i32) -> (f64, f64),
     ) {
-        let Some(layout) = Layout::of(board) else {
+        let Some(layout) = Layout::from_board(board) else {
             return;
         };
         for id in 0..board.tag_count() {

@@ -1,7 +1,7 @@
 //! Typed access to a document, with the path and line of each value for messages.
 
 use super::yaml::{Kind, Value};
-use super::{ExchangeError, Result};
+use super::{FormatError, Result};
 use glam::DVec2;
 use penumbra_camera::{Lens, LensModel};
 
@@ -23,7 +23,7 @@ impl<'a> Fields<'a> {
                 entries,
                 path: String::new(),
             }),
-            _ => Err(ExchangeError::Unknown),
+            _ => Err(FormatError::Unknown),
         }
     }
 
@@ -44,14 +44,14 @@ impl<'a> Fields<'a> {
     }
 
     fn required(&self, key: &str, expected: &'static str) -> Result<&'a Value> {
-        self.find(key).ok_or_else(|| ExchangeError::Missing {
+        self.find(key).ok_or_else(|| FormatError::Missing {
             key: self.key(key),
             expected,
         })
     }
 
-    pub fn wrong(&self, key: &str, expected: &'static str) -> ExchangeError {
-        ExchangeError::Wrong {
+    pub fn wrong(&self, key: &str, expected: &'static str) -> FormatError {
+        FormatError::Wrong {
             line: self.find(key).map_or(0, |v| v.line),
             key: self.key(key),
             expected,
@@ -109,7 +109,7 @@ impl<'a> Fields<'a> {
         if data.len() == count as usize {
             Ok(data)
         } else {
-            Err(matrix.wrong("data", "rows times cols numbers"))
+            Err(matrix.wrong("data", "a list of rows × cols numbers"))
         }
     }
 

@@ -1,7 +1,7 @@
 //! Kalibr's camchain YAML: pinhole cameras with radtan or equidistant distortion.
 
 use super::fields::Fields;
-use super::{ExchangeError, NamedLens, Result, numbers, with_coefficients};
+use super::{FormatError, NamedLens, Result, numbers, with_coefficients};
 use glam::DVec2;
 use penumbra_camera::{Lens, LensModel};
 use std::fmt::Write;
@@ -53,7 +53,7 @@ fn camera(name: &str, node: &Fields) -> Result<NamedLens> {
 pub(super) fn write(cameras: &[NamedLens]) -> Result<String> {
     let mut out = String::new();
     for (i, NamedLens { lens, .. }) in cameras.iter().enumerate() {
-        let inexpressible = |what| ExchangeError::Inexpressible {
+        let inexpressible = |what| FormatError::Inexpressible {
             dialect: "Kalibr",
             what,
         };

@@ -36,7 +36,7 @@ pub struct NamedLens {
 
 /// Errors of reading or writing a file. Each message names the place and the remedy.
 #[derive(Clone, Debug, Error, PartialEq, Eq)]
-pub enum ExchangeError {
+pub enum FormatError {
     /// The file is not valid in the supported subset of YAML.
     #[error("line {line}: {reason}")]
     Syntax {
@@ -80,7 +80,7 @@ pub enum ExchangeError {
     },
 }
 
-type Result<T> = std::result::Result<T, ExchangeError>;
+type Result<T> = std::result::Result<T, FormatError>;
 
 /// Reads all cameras of a file in any of the three dialects. `size` is the pictures' size in
 /// pixels, used where the file has none (OpenCV's stereo files).
@@ -104,7 +104,7 @@ pub fn read(text: &str, size: Option<(u32, u32)>) -> Result<Vec<NamedLens>> {
 /// # Errors
 /// The format cannot express the lens.
 pub fn write(dialect: Dialect, cameras: &[NamedLens]) -> Result<String> {
-    let first = cameras.first().ok_or(ExchangeError::Unknown)?;
+    let first = cameras.first().ok_or(FormatError::Unknown)?;
     match dialect {
         Dialect::Opencv => Ok(opencv::write(first)),
         Dialect::Ros => Ok(ros::write(first)),

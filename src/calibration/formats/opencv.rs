@@ -1,7 +1,7 @@
 //! OpenCV's FileStorage YAML, with the keys of its calibration samples.
 
 use super::fields::Fields;
-use super::{ExchangeError, NamedLens, Result, camera_matrix, numbers, with_coefficients};
+use super::{FormatError, NamedLens, Result, camera_matrix, numbers, with_coefficients};
 use penumbra_camera::LensModel;
 use std::fmt::Write;
 
@@ -48,7 +48,7 @@ pub(super) fn read(root: &Fields, default_size: Option<(u32, u32)>) -> Result<Ve
         });
     }
     if out.is_empty() {
-        return Err(ExchangeError::Unknown);
+        return Err(FormatError::Unknown);
     }
     Ok(out)
 }

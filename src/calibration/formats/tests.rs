@@ -51,7 +51,7 @@ fn written_file_reads_back_unchanged() {
     );
     for camera in [brown, rational] {
         let error = write(Dialect::Kalibr, &[camera]).unwrap_err();
-        assert!(matches!(error, ExchangeError::Inexpressible { .. }));
+        assert!(matches!(error, FormatError::Inexpressible { .. }));
     }
 }
 
@@ -117,8 +117,8 @@ fn errors_name_line_and_key() {
         ),
         ("image_width: 640\n", "", "key `image_width` is missing"),
         ("535.25", "-535.25", "`camera_matrix` must be fx"),
-        ("   cols: 3", "   cols: 4", "rows times cols numbers"),
-        ("   rows: 5", "   rows: 6", "rows times cols numbers"),
+        ("   cols: 3", "   cols: 4", "a list of rows × cols numbers"),
+        ("   rows: 5", "   rows: 6", "a list of rows × cols numbers"),
         ("1.0 ]", "1.0", "unclosed bracket"),
         (
             "fisheye_model: 0",

@@ -3,10 +3,10 @@
 //! Strict: other features of YAML (anchors, multi-line scalars, several documents) are errors that
 //! name their line.
 //!
-//! No general YAML parser is used, because OpenCV writes `%YAML:1.0`, which is not a valid directive,
-//! and because errors must name line and key.
+//! No general YAML parser is used, because OpenCV writes `%YAML:1.0`, which is not a valid
+//! directive, and because errors must name line and key.
 
-use super::ExchangeError;
+use super::FormatError;
 
 /// A value and the line on which it begins.
 #[derive(Clone, Debug, PartialEq)]
@@ -33,10 +33,10 @@ struct Line<'a> {
     text: &'a str,
 }
 
-type Result<T> = std::result::Result<T, ExchangeError>;
+type Result<T> = std::result::Result<T, FormatError>;
 
-fn syntax_error(line: usize, reason: &'static str) -> ExchangeError {
-    ExchangeError::Syntax { line, reason }
+fn syntax_error(line: usize, reason: &'static str) -> FormatError {
+    FormatError::Syntax { line, reason }
 }
 
 /// Parses a document.

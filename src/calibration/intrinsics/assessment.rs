@@ -71,8 +71,8 @@ impl Assessment {
         let percent = 100.0 * estimate.sigma[0].max(estimate.sigma[1]) / lens.focal.min_element();
         check(percent, (0.3, 1.0), Finding::FocalUncertain { percent });
         let pixels = uncertainty.worst;
-        // Outside the area with corners the lens is extrapolated, which gives a finding; it is refused
-        // if most of the picture is extrapolated.
+        // Outside the area with corners the lens is extrapolated, which gives a finding; it is
+        // refused if most of the picture is extrapolated.
         let is_mostly_known = uncertainty.median <= 2.0 * scale;
         let limit = if is_mostly_known {
             10.0 * scale

@@ -234,7 +234,7 @@ impl Bundle<'_> {
 impl Linearised {
     // ┌ [A  B][l]   [a]                                                                     ┐
     // │ [Bᵀ C][p] = [c]  ⇒  (A − B C⁻¹ Bᵀ) l = a − B C⁻¹ c,  C block-diagonal by view        │
-    // └ (Schur complement;  Triggs et al. 2000, section 6.1)                               ┘
+    // └ (Schur complement; Triggs et al. 2000, section 6.1)                                ┘
     pub fn reduced(&self, damping: f64) -> Option<Reduced> {
         let mut matrix = damped(&self.lens, damping);
         let mut gradient = vec![0.0; self.lens.rows()];

@@ -76,7 +76,8 @@ const fn other_role(camera: CameraRole) -> CameraRole {
     }
 }
 
-/// Returns the inconsistencies between the rig's lenses and the `outcome` of a calibration of `camera`.
+/// Returns the inconsistencies between the rig's lenses and the `outcome` of a calibration of
+/// `camera`.
 #[must_use]
 pub fn inconsistencies(
     outcome: &Outcome,

@@ -1,5 +1,5 @@
-//! Quality of the views: coverage of the picture by corners, tilt of the board, and uncertainty of the
-//! lens in each part of the picture.
+//! Quality of the views: coverage of the picture by corners, tilt of the board, and uncertainty of
+//! the lens in each part of the picture.
 
 use super::estimate::{Estimate, ViewEstimate};
 use super::rim::{Light, deviation};
@@ -38,7 +38,7 @@ pub struct Tilt {
 /// Standard deviation of a direction's pixel, caused by the lens's uncertainty, pixels.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Uncertainty {
-    /// At the centre of each cell ([`CELLS`]); `None` where no light falls.
+    /// At the centre of each cell ([`CELLS`]); `None` outside the lens's picture.
     pub by_cell: Vec<Option<f64>>,
     /// Median over all cells.
     pub median: f64,
@@ -49,7 +49,7 @@ pub struct Uncertainty {
 impl Coverage {
     /// Computes the coverage by the points used. `light` determines the lit cells of a fisheye.
     #[must_use]
-    pub fn of(lens: &Lens, views: &[ViewEstimate], light: &Light) -> Self {
+    pub fn new(lens: &Lens, views: &[ViewEstimate], light: &Light) -> Self {
         let (columns, rows) = CELLS;
         let size = DVec2::new(f64::from(lens.width), f64::from(lens.height));
         let mut corners = vec![0_u32; columns * rows];
@@ -115,7 +115,7 @@ impl Coverage {
 impl Tilt {
     /// Computes the tilt over the views used.
     #[must_use]
-    pub fn of(views: &[ViewEstimate]) -> Self {
+    pub fn from_views(views: &[ViewEstimate]) -> Self {
         let mut tilt = Self::default();
         for view in views.iter().filter(|v| v.used) {
             let Some(pose) = view.pose else { continue };
@@ -158,11 +158,11 @@ impl Uncertainty {
     // └ is removed, J' = J − R (RᵀR)⁻¹ Rᵀ J; then Σ_pixel = J' Σ J'ᵀ (cf. mrcal, 2021).        ┘
     /// Computes the lens's uncertainty in all parts of the picture.
     #[must_use]
-    pub fn of(estimate: &Estimate) -> Self {
+    pub fn from_estimate(estimate: &Estimate) -> Self {
         let lens = &estimate.lens;
         let radius = lit_radius(lens, &estimate.views);
         let n = estimate.unknowns.count();
-        let mut seen = Vec::new();
+        let mut projections = Vec::new();
         let mut gathered = vec![DVec2::ZERO; n];
         for cell in 0..CELLS.0 * CELLS.1 {
             let pixel = cell_middle(lens, cell);
@@ -174,16 +174,16 @@ impl Uncertainty {
             if let Some((ray, p)) = projection {
                 estimate.unknowns.gather(&p.by_parameter, &mut gathered);
                 let by_rotation = super::pose::by_pose(&p.by_point, ray);
-                seen.push((
+                projections.push((
                     cell,
                     gathered.clone(),
                     [by_rotation[0], by_rotation[1], by_rotation[2]],
                 ));
             }
         }
-        let compensation = compensating_rotations(&seen, n);
+        let compensation = compensating_rotations(&projections, n);
         let mut by_cell = vec![None; CELLS.0 * CELLS.1];
-        for (cell, by_lens, by_rotation) in &seen {
+        for (cell, by_lens, by_rotation) in &projections {
             let remaining = |c: usize| {
                 let rotation = compensation[c];
                 by_lens[c]
@@ -204,10 +204,10 @@ impl Uncertainty {
 }
 
 /// Returns, for each unknown, the camera rotation that compensates most of its effect.
-fn compensating_rotations(seen: &[(usize, Vec<DVec2>, [DVec2; 3])], n: usize) -> Vec<DVec3> {
+fn compensating_rotations(projections: &[(usize, Vec<DVec2>, [DVec2; 3])], n: usize) -> Vec<DVec3> {
     let mut normal = DMat3::ZERO;
     let mut right = vec![DVec3::ZERO; n];
-    for (_, by_lens, by_rotation) in seen {
+    for (_, by_lens, by_rotation) in projections {
         for axis in 0..2 {
             let row = DVec3::new(
                 by_rotation[0][axis],
@@ -229,8 +229,8 @@ fn compensating_rotations(seen: &[(usize, Vec<DVec2>, [DVec2; 3])], n: usize) ->
     right.into_iter().map(|r| inverse * r).collect()
 }
 
-/// Returns the radius of the picture about the principal point, pixels: infinite for a pinhole; for a
-/// fisheye 0.9 of the inscribed circle's, or that of the outermost corner if larger.
+/// Returns the radius of the picture about the principal point, pixels: infinite for a pinhole; for
+/// a fisheye 0.9 of the inscribed circle's, or that of the outermost corner if larger.
 pub(super) fn lit_radius(lens: &Lens, views: &[ViewEstimate]) -> f64 {
     if lens.model != LensModel::KannalaBrandt {
         return f64::INFINITY;

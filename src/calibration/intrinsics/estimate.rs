@@ -213,11 +213,11 @@ fn covariance(at: &super::bundle::Linearised) -> Option<Matrix> {
     let (n, views) = (inverse.rows(), reduced.by_view.len());
     let freedom = (2.0 * at.points as f64 - (n + 6 * views) as f64).max(1.0);
     let mut out = inverse.clone().scaled(at.cost / freedom);
-    let mut spread = Matrix::zeros(n, n);
+    let mut gradients = Matrix::zeros(n, n);
     for share in &reduced.by_view {
-        spread.add_outer(1.0, share, share);
+        gradients.add_outer(1.0, share, share);
     }
-    let clustered = inverse.times(&spread).times(&inverse);
+    let clustered = inverse.times(&gradients).times(&inverse);
     // The residuals of few views are smaller than their errors.
     let small = views as f64 / (views as f64 - 1.0).max(1.0);
     let widen: Vec<f64> = (0..n)

@@ -39,7 +39,7 @@ impl ChessEvidence {
     pub fn check(&self) -> Result<(), Finding> {
         let larger: usize = self.larger.values().sum();
         let partial: usize = self.partial.values().sum();
-        let seen = larger + partial + self.complete;
+        let detected = larger + partial + self.complete;
         let other = |counts: &BTreeMap<(u32, u32), usize>| {
             let (&(columns, rows), _) = counts.iter().max_by_key(|(_, n)| **n)?;
             Some(Finding::OtherBoard { columns, rows })
@@ -50,10 +50,10 @@ impl ChessEvidence {
             return Err(finding);
         }
         // Visible parts of a board vary in size; one size repeatedly means a smaller board.
-        let commonest = self.partial.values().copied().max().unwrap_or(0);
-        let is_dominant = commonest as f64 >= MIN_OTHER_SIZE * seen as f64;
+        let largest_count = self.partial.values().copied().max().unwrap_or(0);
+        let is_dominant = largest_count as f64 >= MIN_OTHER_SIZE * detected as f64;
         if self.complete == 0
-            && commonest >= 3
+            && largest_count >= 3
             && is_dominant
             && let Some(finding) = other(&self.partial)
         {
@@ -77,13 +77,13 @@ pub(super) struct TagEvidence {
 }
 
 impl TagEvidence {
-    pub fn add(&mut self, seen: &TagBoardDetection) {
-        self.consistent += usize::from(seen.tags > 0);
-        self.foreign_tags += usize::from(seen.foreign_tags > 0);
-        if seen.is_inconsistent {
-            *self.inconsistent.entry(seen.other_columns).or_default() += 1;
+    pub fn add(&mut self, detected: &TagBoardDetection) {
+        self.consistent += usize::from(detected.tags > 0);
+        self.foreign_tags += usize::from(detected.foreign_tags > 0);
+        if detected.is_inconsistent {
+            *self.inconsistent.entry(detected.other_columns).or_default() += 1;
         }
-        if let Some(family) = seen.other_family {
+        if let Some(family) = detected.other_family {
             *self.other_families.entry(family).or_default() += 1;
         }
     }
@@ -100,15 +100,16 @@ impl TagEvidence {
             return Err(Finding::OtherLayout { columns });
         }
         let other_families = self.other_families.iter().max_by_key(|(_, n)| **n);
-        if let (Some((&seen, &n)), Some(given)) = (other_families, board.family())
+        if let (Some((&detected, &n)), Some(given)) = (other_families, board.family())
             && n > self.consistent
         {
-            return Err(Finding::OtherFamily { seen, given });
+            return Err(Finding::OtherFamily { detected, given });
         }
         Ok(())
     }
 
-    /// Returns a finding if many pictures show tags that are not on the board; its points are valid.
+    /// Returns a finding if many pictures show tags that are not on the board; its points are
+    /// valid.
     pub fn foreign_tags_finding(&self) -> Option<Finding> {
         let pictures = self.foreign_tags;
         (3 * pictures > self.consistent).then_some(Finding::ForeignTags { pictures })

@@ -28,11 +28,11 @@ pub enum Finding {
     },
     /// The tags are of another family.
     #[error(
-        "the tags in the pictures are of the family {seen}, not {given}; give the board's dictionary with --board"
+        "the tags in the pictures are of the family {detected}, not {given}; give the board's dictionary with --board"
     )]
     OtherFamily {
         /// Family of the tags in the pictures.
-        seen: Family,
+        detected: Family,
         /// Family of the given board.
         given: Family,
     },

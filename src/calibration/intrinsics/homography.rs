@@ -4,8 +4,8 @@ use glam::{DMat3, DVec2, DVec3};
 use penumbra_interface::RigidTransform;
 use penumbra_numerics::{Matrix, null_vector};
 
-/// Fits H in ray ∝ H (x, y, 1) by least squares over all pairs; its sign puts the points in front of
-/// the rays' origin. `None` for fewer than four or collinear points.
+/// Fits H in ray ∝ H (x, y, 1) by least squares over all pairs; its sign puts the points in front
+/// of the rays' origin. `None` for fewer than four or collinear points.
 ///
 /// ray × H (x, y, 1) = 0 is linear in H (Hartley & Zisserman 4.1) and holds for rays in any
 /// direction, also beyond 90° from the axis.
@@ -62,8 +62,8 @@ pub(super) fn from_pixels(pairs: &[(DVec2, DVec2)]) -> Option<DMat3> {
 fn normalisation(points: impl Iterator<Item = DVec2> + Clone) -> Option<(DVec2, f64)> {
     let count = points.clone().count().max(1) as f64;
     let middle = points.clone().sum::<DVec2>() / count;
-    let spread = points.map(|p| p.distance(middle)).sum::<f64>() / count;
-    (spread > 0.0).then(|| (middle, std::f64::consts::SQRT_2 / spread))
+    let mean_distance = points.map(|p| p.distance(middle)).sum::<f64>() / count;
+    (mean_distance > 0.0).then(|| (middle, std::f64::consts::SQRT_2 / mean_distance))
 }
 
 /// Decomposes a homography to rays into the pose `camera_from_board`.

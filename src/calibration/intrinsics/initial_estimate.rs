@@ -16,8 +16,8 @@ const VIEW_ANGLES: [f64; 22] = [
 const MAX_VIEWS: usize = 24;
 
 /// Returns the lens without distortion that fits the views best. Candidates are Zhang's closed-form
-/// solution, if the model is a pinhole and the solution exists, and a range of focal lengths with the
-/// principal point at the picture's centre. `None` if no candidate fits the views.
+/// solution, if the model is a pinhole and the solution exists, and a range of focal lengths with
+/// the principal point at the picture's centre. `None` if no candidate fits the views.
 pub(super) fn initial_lens(model: LensModel, size: (u32, u32), views: &[View]) -> Option<Lens> {
     let sample = sample_views(views);
     let middle = DVec2::new(f64::from(size.0) - 1.0, f64::from(size.1) - 1.0) * 0.5;
@@ -98,8 +98,8 @@ fn zhang(model: LensModel, size: (u32, u32), views: &[&View], middle: DVec2) -> 
     let is_plausible =
         square.is_finite() && square.min_element() > 1e-3 && square.max_element() < 1e4;
     is_plausible.then(|| {
-        // One focal length for both axes: with square pixels both change by equal steps from here on,
-        // so that an initial difference would persist.
+        // One focal length for both axes: with square pixels both change by equal steps from here
+        // on, so that an initial difference would persist.
         let focal = (square.x * square.y).powf(0.25) * scale;
         Lens::ideal(model, size, DVec2::splat(focal), middle)
     })

@@ -41,7 +41,7 @@ pub struct Layout {
 impl Layout {
     /// Returns the board's default layout; `None` for a chessboard.
     #[must_use]
-    pub const fn of(board: &Board) -> Option<Self> {
+    pub const fn from_board(board: &Board) -> Option<Self> {
         let (columns, rows, every_cell) = match *board {
             Board::Chess { .. } => return None,
             Board::AprilGrid { columns, rows, .. } => (columns, rows, true),
@@ -98,7 +98,8 @@ pub struct Fit {
     pub layout: Layout,
     /// Number of pairs of neighbours that were compared; 0 leaves the layout unchecked.
     pub pairs: usize,
-    /// Number of columns with which most pairs are consistent, if they are not with the given board.
+    /// Number of columns with which most pairs are consistent, if they are not with the given
+    /// board.
     pub other_columns: Option<u32>,
     /// The tags are inconsistent with the board.
     pub is_inconsistent: bool,
@@ -184,8 +185,8 @@ fn consistent_tags(layout: Layout, tags: &[DetectedTag], pairs: &[Pair]) -> Vec<
     out
 }
 
-/// Returns pairs of neighbouring tags; their relative positions follow from the homography of one tag,
-/// independently of the tags' numbers.
+/// Returns pairs of neighbouring tags; their relative positions follow from the homography of one
+/// tag, independently of the tags' numbers.
 fn pairs(board: &Board, tags: &[DetectedTag]) -> Vec<Pair> {
     let step = match *board {
         Board::Chess { .. } => return Vec::new(),
@@ -199,8 +200,8 @@ fn pairs(board: &Board, tags: &[DetectedTag]) -> Vec<Pair> {
         };
         for (to, other) in tags.iter().enumerate().filter(|(to, _)| *to != from) {
             let middle = other.corners.iter().sum::<DVec2>() / 4.0;
-            let seen = tag_from_picture * middle.extend(1.0);
-            let at = seen.truncate() / seen.z / step;
+            let image = tag_from_picture * middle.extend(1.0);
+            let at = image.truncate() / image.z / step;
             let rounded = at.round();
             let near =
                 rounded.abs().max_element() <= f64::from(MAX_DISTANCE) && rounded != DVec2::ZERO;

@@ -1,8 +1,8 @@
 //! Intrinsics of a camera from pictures of a calibration board.
 //!
 //! In the order of data flow: `detect` and `tag_finder` find corners and tags, `tags` and `layout`
-//! assign them to the points of a `board`, `view_collector` selects views, `initial_estimate`, `bundle`
-//! and `outliers` estimate the lens (`estimate`), `coverage`, `rim`, `evidence` and
+//! assign them to the points of a `board`, `view_collector` selects views, `initial_estimate`,
+//! `bundle` and `outliers` estimate the lens (`estimate`), `coverage`, `rim`, `evidence` and
 //! `consistency_checks` assess it (`findings`, `assessment`), `step` and `report` present it.
 
 pub mod assessment;

@@ -19,8 +19,8 @@ const MIN_OUTLIER: f64 = 0.3;
 /// Minimum share of a view's points that must remain.
 const MIN_SHARE: f64 = 0.6;
 
-/// Returns which points are consistent with the lens: compares each error with those of all views, and
-/// each view's errors with the other views'.
+/// Returns which points are consistent with the lens: compares each error with those of all views,
+/// and each view's errors with the other views'.
 pub(super) fn inliers(
     lens: &Lens,
     views: &[View],

@@ -52,7 +52,8 @@ fn linearise(
     Some(normal)
 }
 
-/// Returns the reprojection error and its derivatives by a small rotation and translation of the pose.
+/// Returns the reprojection error and its derivatives by a small rotation and translation of the
+/// pose.
 pub(super) fn residual(
     lens: &Lens,
     c: &Correspondence,

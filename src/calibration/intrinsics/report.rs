@@ -15,8 +15,8 @@ use std::fmt::Write;
 /// Maximum magnification of the error vectors.
 const MAX_MAGNIFICATION: f64 = 40.0;
 
-/// Builds the report. `title` names the camera, `facts` are lines of its header (date, source, board);
-/// `views` are the input of the estimate.
+/// Builds the report. `title` names the camera, `facts` are lines of its header (date, source,
+/// board); `views` are the input of the estimate.
 #[must_use]
 pub fn page(
     found: &Finished,

@@ -9,11 +9,12 @@ use std::f64::consts::{PI, TAU};
 
 /// Columns and rows of the cells in which light is measured.
 const CELLS: (usize, usize) = (64, 48);
-/// Minimum brightness of a lit cell as a share of the brightest cell; darker ones belong to the black rim.
+/// Minimum brightness of a lit cell as a share of the brightest cell; darker ones belong to the
+/// black rim.
 const MIN_LIT_SHARE: f32 = 0.12;
 /// Minimum code of a lit cell.
 const MIN_LIT_CODE: f32 = 12.0;
-/// Maximum standard deviation of a determined direction's pixel, pixels of a picture of 1280.
+/// Maximum standard deviation of a determined direction's projection, pixels of a picture 1280 wide.
 const MAX_SIGMA: f64 = 3.0;
 /// Step of the outward search, radians.
 const STEP: f64 = 0.5 * PI / 180.0;
@@ -45,8 +46,8 @@ impl Light {
         }
     }
 
-    /// Returns whether a position, as shares of the picture's width and height, receives light; `None`
-    /// without pictures.
+    /// Returns whether a position, as shares of the picture's width and height, receives light;
+    /// `None` without pictures.
     #[must_use]
     pub fn is_lit(&self, position: DVec2) -> Option<bool> {
         let (columns, rows) = CELLS;
@@ -60,8 +61,8 @@ impl Light {
         (MIN_LIT_SHARE * max).max(MIN_LIT_CODE)
     }
 
-    /// Returns the largest angle from the axis, by `lens`, from which light comes, radians; the outermost
-    /// hundredth is ignored as possible glare.
+    /// Returns the largest angle from the axis, by `lens`, from which light comes, radians; the
+    /// outermost hundredth is ignored as possible glare.
     fn max_angle(&self, lens: &Lens) -> Option<f64> {
         let (columns, rows) = CELLS;
         let size = lens.last_pixel() + 1.0;
@@ -79,22 +80,22 @@ impl Light {
     }
 }
 
-/// Maximum angles from a fisheye's axis, radians.
+/// Angles from a fisheye's axis, radians.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Rim {
-    /// Of the corners.
+    /// Largest angle at which corners were seen.
     pub seen: f64,
-    /// To which the corners determine the lens: projection is monotonic, with a standard deviation of
-    /// at most three pixels.
+    /// Angle to which the corners determine the lens: the projection is monotonic and its standard
+    /// deviation at most three pixels.
     pub known: f64,
-    /// From which light comes; `None` without pictures.
+    /// Largest angle from which light comes; `None` without pictures.
     pub lit: Option<f64>,
 }
 
 impl Rim {
     /// Computes the angles of an estimate; `None` if the lens is not a fisheye.
     #[must_use]
-    pub fn of(estimate: &Estimate, light: &Light) -> Option<Self> {
+    pub fn from_estimate(estimate: &Estimate, light: &Light) -> Option<Self> {
         let lens = &estimate.lens;
         if lens.model != LensModel::KannalaBrandt {
             return None;
@@ -160,11 +161,11 @@ mod tests {
     use crate::intrinsics::{Options, estimate};
     use penumbra_numerics::Random;
 
-    fn found(distance: f64, spread: f64) -> Estimate {
+    fn found(distance: f64, lateral: f64) -> Estimate {
         let lens = fisheye();
         let views = simulated_views(
             &lens,
-            &poses(30, distance, spread, 5),
+            &poses(30, distance, lateral, 5),
             0.15,
             &mut Random::new(3),
         );
@@ -177,8 +178,8 @@ mod tests {
 
     #[test]
     fn lens_is_known_to_outermost_corners_and_beyond() {
-        let wide = Rim::of(&found(0.12, 0.9), &Light::default()).unwrap();
-        let narrow = Rim::of(&found(0.4, 0.2), &Light::default()).unwrap();
+        let wide = Rim::from_estimate(&found(0.12, 0.9), &Light::default()).unwrap();
+        let narrow = Rim::from_estimate(&found(0.4, 0.2), &Light::default()).unwrap();
         assert!(wide.seen > narrow.seen + 0.3, "{wide:?} {narrow:?}");
         for rim in [wide, narrow] {
             assert!(rim.known >= rim.seen && rim.lit.is_none(), "{rim:?}");

@@ -19,7 +19,7 @@ use std::fmt::Write;
 
 /// Minimum interval between two pictures, seconds.
 const MIN_SPACING: f64 = 0.2;
-/// Number of pictures after which the interval is doubled, tripled, and so on.
+/// Number of pictures after which the interval grows by another `MIN_SPACING`.
 const SLOWDOWN_PICTURES: f64 = 300.0;
 /// Sufficient number of views.
 const ENOUGH_VIEWS: f64 = 15.0;
@@ -58,7 +58,8 @@ impl IntrinsicsStep {
         }
     }
 
-    /// Detects the board in a picture and keeps it as a view; `name` identifies the view in the report.
+    /// Detects the board in a picture and keeps it as a view; `name` identifies the view in the
+    /// report.
     pub fn look_at(&mut self, name: &str, picture: &Picture) {
         self.pictures += 1;
         let result = self
@@ -73,7 +74,8 @@ impl IntrinsicsStep {
         }
     }
 
-    /// Returns every corner kept as CSV with a header: view, position on the board in metres, pixel.
+    /// Returns every corner kept as CSV with a header: view, position on the board in metres,
+    /// pixel.
     #[must_use]
     pub fn corners(&self) -> String {
         let mut out = String::from("view,board_x_m,board_y_m,pixel_x,pixel_y\n");
@@ -127,8 +129,8 @@ impl IntrinsicsStep {
         })
     }
 
-    /// Returns the progress: 1 if the lens is good with enough views; before, number of views, covered
-    /// cells and tilted sides contribute a third each.
+    /// Returns the progress: 1 if the lens is good with enough views; before, number of views,
+    /// covered cells and tilted sides contribute a third each.
     fn share(&self) -> f64 {
         let intermediate = self.intermediate.as_ref();
         let good = intermediate.is_some_and(|(_, assessment)| assessment.grade == Grade::Good);
@@ -136,13 +138,13 @@ impl IntrinsicsStep {
             return 1.0;
         }
         let views = (self.collector.views().len() as f64 / ENOUGH_VIEWS).min(1.0);
-        let seen = self.intermediate.as_ref().map_or(0.0, |(assessed, _)| {
+        let quality = self.intermediate.as_ref().map_or(0.0, |(assessed, _)| {
             let tilt = &assessed.tilt;
             let sides = [tilt.left, tilt.right, tilt.up, tilt.down];
             let enough = |angle: &f64| (angle / 20_f64.to_radians()).clamp(0.0, 1.0) / 4.0;
             (assessed.coverage.share / 0.8).min(1.0) + sides.iter().map(enough).sum::<f64>()
         });
-        ((views + seen) / 3.0).min(0.99)
+        ((views + quality) / 3.0).min(0.99)
     }
 
     /// Returns the result without the report.

@@ -37,12 +37,12 @@ impl BoardRenderer {
         }
     }
 
-    /// Renders the board on a grey wall, blurred by `blur` pixels, with noise of `noise` codes (standard
-    /// deviations).
+    /// Renders the board on a grey wall, blurred by `blur` pixels, with noise of `noise` codes
+    /// (standard deviations).
     pub fn render(&self, board: &Board, pose: RigidTransform, blur: f32, noise: f64) -> Grey {
         let board_from_camera = pose.inverse();
         let origin = board_from_camera.translation;
-        let appearance = Appearance::of(board);
+        let appearance = Appearance::from_board(board);
         let brightness = |ray: Option<DVec3>| {
             let Some(ray) = ray else { return 10.0 };
             let ray = board_from_camera.rotation * ray;
@@ -119,7 +119,7 @@ enum Appearance {
 }
 
 impl Appearance {
-    fn of(board: &Board) -> Self {
+    fn from_board(board: &Board) -> Self {
         match *board {
             Board::Chess {
                 columns,
@@ -151,10 +151,10 @@ impl Appearance {
             Self::Chess { squares, square } => {
                 // Position in squares from the board's outer corner; the first square is dark.
                 let p = p / square + 1.0;
-                let off = (p - *squares).max(-p).max_element();
-                if off > 0.7 {
+                let outside = (p - *squares).max(-p).max_element();
+                if outside > 0.7 {
                     90.0
-                } else if off > 0.0 {
+                } else if outside > 0.0 {
                     215.0
                 } else {
                     // Each sample averages over its width, so that edges lie between samples.
@@ -169,8 +169,8 @@ impl Appearance {
                 origin,
             } => {
                 let p = p + *origin;
-                let off = (p - *size).max(-p).max_element();
-                if off > 0.02 {
+                let outside = (p - *size).max(-p).max_element();
+                if outside > 0.02 {
                     return 90.0;
                 }
                 let within = |v: f64, from: f64, wide: f64| {
@@ -195,8 +195,8 @@ fn square_wave(x: f64, width: f64) -> f64 {
     sign * (2.0 * from_edge / width).min(1.0)
 }
 
-/// Returns the pose of a board with its middle at `centre` (camera frame, metres), rotated by `tilt` about
-/// X and Y and by `roll` about Z, radians.
+/// Returns the pose of a board with its middle at `centre` (camera frame, metres), rotated by
+/// `tilt` about X and Y and by `roll` about Z, radians.
 pub(crate) fn pose(board: &Board, centre: DVec3, tilt: DVec2, roll: f64) -> RigidTransform {
     let rotation = DQuat::from_rotation_x(tilt.x)
         * DQuat::from_rotation_y(tilt.y)

@@ -57,7 +57,7 @@ impl TagFinder {
     /// Creates a finder for `board`; `None` for a chessboard.
     #[must_use]
     pub fn new(board: &Board) -> Option<Self> {
-        let (family, layout) = (board.family()?, Layout::of(board)?);
+        let (family, layout) = (board.family()?, Layout::from_board(board)?);
         let response = Response::srgb();
         let detector = Detector::new(&[family], &response).with_max_candidates(MAX_CANDIDATES);
         Some(Self {
@@ -83,8 +83,8 @@ impl TagFinder {
         self.codes.clear();
         let code = |v: &f32| v.round().clamp(0.0, 255.0) as u8;
         self.codes.extend(picture.data.iter().map(code));
-        let seen = self.detector.detect_grey(&self.codes, size.0, size.1, None);
-        let tags: Vec<DetectedTag> = seen
+        let found = self.detector.detect_grey(&self.codes, size.0, size.1, None);
+        let tags: Vec<DetectedTag> = found
             .iter()
             .map(|tag| detected_tag(&self.board, tag))
             .collect();
@@ -165,10 +165,10 @@ impl TagFinder {
         let detector = self.other_families.get_or_insert_with(|| {
             Detector::new(&others, &self.response).with_max_candidates(MAX_CANDIDATES)
         });
-        let seen = detector.detect_grey(&self.codes, width, height, None);
-        let count = |family: Family| seen.iter().filter(|t| t.family == family).count();
-        let most = others.into_iter().max_by_key(|f| count(*f))?;
-        (count(most) >= MIN_OTHER_TAGS).then_some(most)
+        let found = detector.detect_grey(&self.codes, width, height, None);
+        let count = |family: Family| found.iter().filter(|t| t.family == family).count();
+        let most_frequent = others.into_iter().max_by_key(|f| count(*f))?;
+        (count(most_frequent) >= MIN_OTHER_TAGS).then_some(most_frequent)
     }
 }
 
@@ -182,10 +182,10 @@ fn reorder_corners(board: &Board, corners: [DVec2; 4]) -> [DVec2; 4] {
     }
 }
 
-fn detected_tag(board: &Board, seen: &TagObservation) -> DetectedTag {
+fn detected_tag(board: &Board, tag: &TagObservation) -> DetectedTag {
     DetectedTag {
-        id: seen.id,
-        corners: reorder_corners(board, seen.corners),
+        id: tag.id,
+        corners: reorder_corners(board, tag.corners),
     }
 }
 

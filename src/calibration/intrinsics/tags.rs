@@ -10,7 +10,8 @@ use penumbra_fiducials::Family;
 const MAX_WINDOW: f64 = 0.55;
 /// Minimum radius of the refinement window, pixels; smaller ones show no isolated corner.
 const MIN_WINDOW: f64 = 2.0;
-/// Maximum deviation of a corner from its prediction, as a share of the distance to the next corner.
+/// Maximum deviation of a corner from its prediction, as a share of the distance to the next
+/// corner.
 const MAX_DEVIATION: f64 = 0.25;
 
 /// Limits of the refinement of a corner.
@@ -22,11 +23,11 @@ struct RefinementLimits {
     deviation: f64,
 }
 
-/// Returns the points of `board` that the tags locate; `layout` assigns the tags' numbers to cells. On
-/// an AprilGrid these are the tags' corners, where black squares meet. On a ChArUco board they are the
-/// chessboard's corners between the markers, predicted from neighbouring markers. `refine` maps (predicted
-/// pixel, radius of the window in pixels) to the corner, `None` if there is none. Tags that are not on
-/// the board are ignored; a chessboard gives no points.
+/// Returns the points of `board` that the tags locate; `layout` assigns the tags' numbers to cells.
+/// On an AprilGrid these are the tags' corners, where black squares meet. On a ChArUco board they
+/// are the chessboard's corners between the markers, predicted from neighbouring markers. `refine`
+/// maps (predicted pixel, radius of the window in pixels) to the corner, `None` if there is none.
+/// Tags that are not on the board are ignored; a chessboard gives no points.
 #[must_use]
 pub fn correspondences(
     board: &Board,
@@ -55,7 +56,8 @@ pub fn correspondences(
             family,
         } => {
             let known: Vec<Correspondence> = known.map(|(c, _)| c).collect();
-            // Reaches into the markers' borders: they are point-symmetric and do not bias the corner.
+            // Reaches into the markers' borders: they are point-symmetric and do not bias the
+            // corner.
             let border = marker * f64::from(family.border()) / f64::from(family.modules());
             let clear = (0.5 * (square - marker) + 0.5 * border) / square;
             (1..columns * rows)
@@ -75,8 +77,8 @@ pub fn correspondences(
     }
 }
 
-/// Returns the limits for a tag's corner on an AprilGrid: the window excludes the tag's code and the far
-/// edges of the adjacent black square.
+/// Returns the limits for a tag's corner on an AprilGrid: the window excludes the tag's code and
+/// the far edges of the adjacent black square.
 fn tag_corner_limits(tag: &DetectedTag, gap: f64, family: Family) -> RefinementLimits {
     let [a, b, c, d] = tag.corners;
     let longest = [b - a, c - b, d - c, a - d]
@@ -114,8 +116,8 @@ fn on_board(
     })
 }
 
-/// Predicts undetected tags next to detected ones. On an AprilGrid their corners are refined to where
-/// black squares meet, as in [`correspondences`].
+/// Predicts undetected tags next to detected ones. On an AprilGrid their corners are refined to
+/// where black squares meet, as in [`correspondences`].
 pub(super) fn predict_missing_tags(
     board: &Board,
     layout: Layout,
@@ -162,8 +164,8 @@ pub(super) fn predict_missing_tags(
     predicted.collect()
 }
 
-/// Predicts a point from the adjacent markers; also returns the distance of rows there, pixels. Lens
-/// distortion excludes farther markers.
+/// Predicts a point from the adjacent markers; also returns the distance of rows there, pixels.
+/// Lens distortion excludes farther markers.
 fn predict(known: &[Correspondence], point: DVec2, square: f64) -> Option<(DVec2, f64)> {
     let near: Vec<(DVec2, DVec2)> = known
         .iter()
@@ -213,7 +215,7 @@ mod tests {
             tag(1, DVec2::new(0.05, 0.05), 0.04),
             tag(9, DVec2::ZERO, 0.04),
         ];
-        let layout = Layout::of(&board).unwrap();
+        let layout = Layout::from_board(&board).unwrap();
         let points = correspondences(&board, layout, &tags, |p, _| Some(p));
         assert_eq!(points.len(), 4);
         assert!(points[2].point.distance(DVec2::new(0.09, 0.09)) < 1e-12);
@@ -229,7 +231,7 @@ mod tests {
             tag(0, corner(1.0, 0.0), 0.02),
             tag(2, corner(0.0, 1.0), 0.02),
         ];
-        let layout = Layout::of(&board).unwrap();
+        let layout = Layout::from_board(&board).unwrap();
         let points = correspondences(&board, layout, &tags, |p, _| Some(p));
         let first = points
             .iter()

@@ -1,5 +1,5 @@
-//! Collects views of a board from pictures and estimates the lens: selects the views to keep, and the
-//! number of coefficients that they determine.
+//! Collects views of a board from pictures and estimates the lens: selects the views to keep, and
+//! the number of coefficients that they determine.
 
 use super::assessment::Assessment;
 use super::board::{Board, Correspondence, View};
@@ -167,14 +167,14 @@ impl ViewCollector {
             self.light.add(picture);
         }
         if let Some(finder) = &mut self.finder {
-            let seen = finder.find(picture);
-            self.tags.add(&seen);
-            let add_picture = self.add_points(name, size, seen.points);
-            let other = seen.is_inconsistent || seen.other_family.is_some();
-            return if other {
+            let found = finder.find(picture);
+            self.tags.add(&found);
+            let result = self.add_points(name, size, found.points);
+            let is_other = found.is_inconsistent || found.other_family.is_some();
+            return if is_other {
                 PictureResult::OtherBoard
             } else {
-                add_picture
+                result
             };
         }
         let Board::Chess {
@@ -185,16 +185,15 @@ impl ViewCollector {
         else {
             return PictureResult::NotSeen;
         };
-        let found = find_chessboard(picture, columns, rows);
-        self.chess.add(&found);
-        let points = found.as_ref().map_or_else(
-            |_| Vec::new(),
-            |detection| detection.correspondences(square),
-        );
-        let add_picture = self.add_points(name, size, points);
-        match (add_picture, found) {
+        let detection = find_chessboard(picture, columns, rows);
+        self.chess.add(&detection);
+        let points = detection
+            .as_ref()
+            .map_or_else(|_| Vec::new(), |board| board.correspondences(square));
+        let result = self.add_points(name, size, points);
+        match (result, detection) {
             (PictureResult::NotSeen, Err(NoChessboard::Larger { .. })) => PictureResult::OtherBoard,
-            (add_picture, _) => add_picture,
+            (result, _) => result,
         }
     }
 
@@ -280,8 +279,8 @@ impl ViewCollector {
         self.check_board()?;
         let all = options.model.coefficients().len();
         let mut best = self.assessed_with(options, all)?;
-        // Undetermined high-order coefficients distort the picture's rim arbitrarily. A lens without them
-        // is preferred if it fits the views equally well.
+        // Undetermined high-order coefficients distort the picture's rim arbitrarily. A lens
+        // without them is preferred if it fits the views equally well.
         for fewer in (min_coefficients(options.model)..all).rev() {
             if best.1.grade < Grade::Refused {
                 break;
@@ -304,10 +303,10 @@ impl ViewCollector {
     ) -> Result<(AssessedLens, Assessment), Finding> {
         let size = self.size.unwrap_or_default();
         let estimate = estimate_some(size, &self.views, options, coefficients)?;
-        let coverage = Coverage::of(&estimate.lens, &estimate.views, &self.light);
-        let tilt = Tilt::of(&estimate.views);
-        let uncertainty = Uncertainty::of(&estimate);
-        let rim = Rim::of(&estimate, &self.light);
+        let coverage = Coverage::new(&estimate.lens, &estimate.views, &self.light);
+        let tilt = Tilt::from_views(&estimate.views);
+        let uncertainty = Uncertainty::from_estimate(&estimate);
+        let rim = Rim::from_estimate(&estimate, &self.light);
         let mut assessment = Assessment::from_estimate(&estimate, &coverage, &tilt, &uncertainty);
         if let Some((rim, lit)) = rim.and_then(|rim| Some((rim, rim.lit?)))
             && lit > rim.known.max(MAX_RIM_RATIO * rim.seen)
@@ -352,8 +351,8 @@ const fn min_coefficients(model: LensModel) -> usize {
     }
 }
 
-/// Returns the mean distance between the same points of two views, pixels; infinite if the views share
-/// fewer than half of their points.
+/// Returns the mean distance between the same points of two views, pixels; infinite if the views
+/// share fewer than half of their points.
 fn distance(a: &[Correspondence], b: &[Correspondence]) -> f64 {
     let key = |p: DVec2| ((p.x * 1e5).round() as i64, (p.y * 1e5).round() as i64);
     let known: BTreeMap<_, DVec2> = a.iter().map(|c| (key(c.point), c.pixel)).collect();

@@ -22,10 +22,14 @@ fn assessed(lens: &Lens, views: &[View]) -> Result<(Estimate, Assessment), NoEst
         square_pixels: false,
     };
     let found = estimate((lens.width, lens.height), views, &options)?;
-    let coverage = Coverage::of(&found.lens, &found.views, &Light::default());
-    let uncertainty = Uncertainty::of(&found);
-    let assessment =
-        Assessment::from_estimate(&found, &coverage, &Tilt::of(&found.views), &uncertainty);
+    let coverage = Coverage::new(&found.lens, &found.views, &Light::default());
+    let uncertainty = Uncertainty::from_estimate(&found);
+    let assessment = Assessment::from_estimate(
+        &found,
+        &coverage,
+        &Tilt::from_views(&found.views),
+        &uncertainty,
+    );
     Ok((found, assessment))
 }
 
@@ -36,16 +40,17 @@ fn has(assessment: &Assessment, kind: fn(&Finding) -> bool) -> bool {
 #[test]
 fn views_from_all_sides_give_good_grade_and_correct_uncertainty() {
     let mut random = Random::new(11);
-    for (lens, distance, spread) in [(pinhole(), 0.4, 0.4), (fisheye(), 0.12, 0.9)] {
-        let views = simulated_views(&lens, &poses(40, distance, spread, 5), 0.15, &mut random);
+    for (lens, distance, lateral) in [(pinhole(), 0.4, 0.4), (fisheye(), 0.12, 0.9)] {
+        let views = simulated_views(&lens, &poses(40, distance, lateral, 5), 0.15, &mut random);
         let (found, assessment) = assessed(&lens, &views).unwrap();
         assert_eq!(assessment.grade, Grade::Good, "{:?}", assessment.findings);
-        let uncertainty = Uncertainty::of(&found);
+        let uncertainty = Uncertainty::from_estimate(&found);
         assert!(
             uncertainty.worst < 1.0 && uncertainty.median < 0.2,
             "{uncertainty:?}"
         );
-        // The errors of the projection, after compensation by a camera rotation, are consistent with it.
+        // The errors of the projection, after compensation by a camera rotation, are consistent
+        // with it.
         let errors = errors_after_rotation(&lens, &found.lens);
         for (error, sigma) in errors.iter().zip(&uncertainty.by_cell) {
             if let (Some(error), Some(sigma)) = (error, sigma) {
@@ -71,11 +76,11 @@ fn errors_after_rotation(ground_truth: &Lens, found: &Lens) -> Vec<Option<f64>> 
         |&rotation| {
             let mut normal = NormalEquations::new(3);
             for cell in (0..48).filter(near) {
-                let (p, ray, seen) = error(rotation, cell)?;
+                let (p, ray, expected) = error(rotation, cell)?;
                 let by = crate::intrinsics::pose::by_pose(&p.by_point, ray);
                 for axis in 0..2 {
                     let row: Vec<f64> = by[..3].iter().map(|d| d[axis]).collect();
-                    normal.add((p.pixel - seen)[axis], &row, 1.0);
+                    normal.add((p.pixel - expected)[axis], &row, 1.0);
                 }
             }
             Some(normal)
@@ -84,7 +89,7 @@ fn errors_after_rotation(ground_truth: &Lens, found: &Lens) -> Vec<Option<f64>> 
     );
     let rotation = rotation.unwrap().state;
     (0..48)
-        .map(|cell| error(rotation, cell).map(|(p, _, seen)| p.pixel.distance(seen)))
+        .map(|cell| error(rotation, cell).map(|(p, _, expected)| p.pixel.distance(expected)))
         .collect()
 }
 
@@ -197,16 +202,16 @@ fn views_of_another_camera_are_rejected_or_refused() {
 #[test]
 fn outlying_corners_are_rejected() {
     let mut random = Random::new(9);
-    for (lens, distance, spread) in [(pinhole(), 0.4, 0.4), (fisheye(), 0.12, 0.9)] {
-        let mut views = simulated_views(&lens, &poses(40, distance, spread, 5), 0.15, &mut random);
+    for (lens, distance, lateral) in [(pinhole(), 0.4, 0.4), (fisheye(), 0.12, 0.9)] {
+        let mut views = simulated_views(&lens, &poses(40, distance, lateral, 5), 0.15, &mut random);
         for view in &mut views {
             for c in view.points.iter_mut().step_by(17) {
                 c.pixel += DVec2::new(random.normal(), random.normal()) * 12.0;
             }
         }
         let (found, assessment) = assessed(&lens, &views).unwrap();
-        let off = (found.lens.focal / lens.focal - 1.0).abs().max_element();
-        assert!(off < 0.005, "{off}");
+        let deviation = (found.lens.focal / lens.focal - 1.0).abs().max_element();
+        assert!(deviation < 0.005, "{deviation}");
         assert!(
             found.rms < 0.26 && assessment.grade < Grade::Refused,
             "{} {assessment:?}",

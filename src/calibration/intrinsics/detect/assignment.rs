@@ -6,8 +6,8 @@ use crate::intrinsics::Correspondence;
 use glam::DVec2;
 use std::collections::BTreeMap;
 
-/// Minimum share of corners in an outer row or column of a grid that is larger than the board; sparser
-/// ones are removed as e.g. a shadow's edge or a tile beside the board.
+/// Minimum share of corners in an outer row or column of a grid that is larger than the board;
+/// sparser ones are removed as e.g. a shadow's edge or a tile beside the board.
 const MIN_FILLED: f64 = 0.5;
 
 /// Ambiguity of the assignment.
@@ -124,8 +124,9 @@ fn trim(grid: &mut Grid, columns: i32, rows: i32) {
     }
 }
 
-/// Returns the number of quarter turns that bring a complete board upright, so that the sector between
-/// +column and +row of its first corner is dark ([`crate::board_sheet`]), if its colours determine them.
+/// Returns the number of quarter turns that bring a complete board upright, so that the sector
+/// between +column and +row of its first corner is dark ([`crate::board_sheet`]), if its colours
+/// determine them.
 fn orientation(grid: &Grid, columns: i32, rows: i32) -> (u32, Placement) {
     let (w, _) = grid.extent();
     let candidates: &[u32] = if columns == rows {

@@ -27,7 +27,8 @@ impl Grey {
         }
     }
 
-    /// Computes the luma (Rec. 601) of a colour picture, which cameras encode at the highest resolution.
+    /// Computes the luma (Rec. 601) of a colour picture, which cameras encode at the highest
+    /// resolution.
     #[must_use]
     pub fn from_picture(picture: &Picture) -> Self {
         let luma =
@@ -78,7 +79,8 @@ impl Grey {
             .transposed()
     }
 
-    /// Returns every other pixel after an anti-aliasing blur; its pixel p is pixel 2 p of this picture.
+    /// Returns every other pixel after an anti-aliasing blur; its pixel p is pixel 2 p of this
+    /// picture.
     #[must_use]
     pub fn halved(&self) -> Self {
         let smooth = self.blurred(0.8);

@@ -1,5 +1,5 @@
-//! Orders linked saddles in rows and columns by topology instead of geometry, so that any distortion
-//! is permitted (Shu, Brunton & Fiala 2009).
+//! Orders linked saddles in rows and columns by topology instead of geometry, so that any
+//! distortion is permitted (Shu, Brunton & Fiala 2009).
 
 use super::links::Links;
 use super::saddles::Saddle;
@@ -43,7 +43,8 @@ impl Grid {
         self.corners.iter().filter_map(square).sum()
     }
 
-    /// Extrapolates a line of known corners to a grid position; also returns their distance, pixels.
+    /// Extrapolates a line of known corners to a grid position; also returns their distance,
+    /// pixels.
     pub fn extrapolated(&self, (i, j): (i32, i32), step: IVec2) -> Option<(DVec2, f64)> {
         let corner = |n: i32| self.corners.get(&(i + n * step.x, j + n * step.y)).copied();
         let (a, b) = (corner(1)?, corner(2)?);
@@ -52,8 +53,8 @@ impl Grid {
         Some((curved, a.distance(b)))
     }
 
-    /// Removes corners of the background that an edge joined to the board: corners that are on no line
-    /// through others, belong to no square, or are disconnected from the rest.
+    /// Removes corners of the background that an edge joined to the board: corners that are on no
+    /// line through others, belong to no square, or are disconnected from the rest.
     fn pruned(mut self) -> Self {
         loop {
             let before = self.corners.len();
@@ -106,8 +107,8 @@ impl Grid {
     }
 }
 
-/// Maximum deviation of a corner from the line through its neighbours, as a share of their distance;
-/// lenses and perspective bend lines less.
+/// Maximum deviation of a corner from the line through its neighbours, as a share of their
+/// distance; lenses and perspective bend lines less.
 const MAX_DEVIATION: f64 = 0.25;
 
 /// Returns the grid with the largest area, or an empty one: the surroundings of a board may contain
@@ -129,8 +130,8 @@ pub(super) fn largest(saddles: &[Saddle], links: &Links) -> Grid {
     best
 }
 
-/// Follows all links from a seed. Excludes saddles that two paths assign to different grid positions,
-/// and positions that two saddles claim.
+/// Follows all links from a seed. Excludes saddles that two paths assign to different grid
+/// positions, and positions that two saddles claim.
 fn grow(saddles: &[Saddle], links: &Links, seed: usize, used: &mut [bool]) -> Grid {
     // For each saddle its grid position and the index of its edge towards +column. Edges are in
     // ascending order of angle, so +row is the next edge.

@@ -1,5 +1,6 @@
-//! Links neighbouring saddles: a saddle's neighbour along each of its four edges is the nearest saddle
-//! on that edge, if the edge is dark on one side and bright on the other over its entire length.
+//! Links neighbouring saddles: a saddle's neighbour along each of its four edges is the nearest
+//! saddle on that edge, if the edge is dark on one side and bright on the other over its entire
+//! length.
 
 use super::Grey;
 use super::saddles::{Saddle, wrapped};
@@ -81,7 +82,8 @@ fn is_bright_after(saddle: &Saddle, edge: usize) -> bool {
     saddle.is_first_bright == edge.is_multiple_of(2)
 }
 
-/// Returns whether one side of the line between two points is brighter at each of several positions.
+/// Returns whether one side of the line between two points is brighter at each of several
+/// positions.
 fn is_edge_between(picture: &Grey, a: DVec2, b: DVec2, bright_left: bool) -> bool {
     let along = b - a;
     // Ascending angles rotate from +X to +Y, as `perp` does.

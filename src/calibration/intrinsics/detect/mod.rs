@@ -3,8 +3,8 @@
 //!
 //! Finds saddle points of brightness (`saddles`), links those joined by an edge (`links`), orders
 //! them in rows and columns (`grid`), adds missed corners (`complete`), refines all to subpixel
-//! accuracy (`refine`) and assigns them to the board's corners (`assignment`). `symmetry` refines the
-//! corners of tag boards.
+//! accuracy (`refine`) and assigns them to the board's corners (`assignment`). `symmetry` refines
+//! the corners of tag boards.
 
 mod assignment;
 mod complete;
@@ -28,8 +28,8 @@ const MIN_CORNERS: usize = 9;
 pub(super) const SMOOTHING: f32 = 1.2;
 /// Maximum asymmetry of a corner's surroundings.
 const MAX_ASYMMETRY: f64 = 0.1;
-/// Maximum width and height at which corners are searched, pixels; larger pictures are halved. Squares
-/// below five pixels at that size are too small for calibration.
+/// Maximum width and height at which corners are searched, pixels; larger pictures are halved.
+/// Squares below five pixels at that size are too small for calibration.
 const MAX_SEARCH_SIZE: usize = 1400;
 
 /// Reasons why no chessboard was found in a picture.
@@ -52,9 +52,10 @@ pub enum NoChessboard {
 }
 
 /// Refines the corner near a `predicted` pixel to subpixel accuracy, for boards whose corners are
-/// predicted from markers ([`super::tags`]). The `window` (radius, pixels) should not reach the edges of
-/// the next corner. `None` if no edges cross there, or if the surroundings are not point-symmetric:
-/// the board is occluded, or other edges are so near that they would bias the corner.
+/// predicted from markers ([`super::tags`]). The `window` (radius, pixels) should not reach the
+/// edges of the next corner. `None` if no edges cross there, or if the surroundings are not
+/// point-symmetric: the board is occluded, or other edges are so near that they would bias the
+/// corner.
 #[must_use]
 pub fn refine_corner(picture: &Grey, predicted: DVec2, window: f64) -> Option<DVec2> {
     let edge_crossing = refine::refine(picture, predicted, window);

@@ -104,8 +104,8 @@ fn quadric_saddle(g: &Grey, x: usize, y: usize) -> Option<DVec2> {
     (offset.length() < 1.5).then_some(offset)
 }
 
-/// Examines a candidate on rings of several radii: large rings suit blurred corners and large squares,
-/// small rings small squares.
+/// Examines a candidate on rings of several radii: large rings suit blurred corners and large
+/// squares, small rings small squares.
 pub(super) fn examine(picture: &Grey, at: DVec2) -> Option<Saddle> {
     [5.0, 3.5, 2.5, 7.0]
         .into_iter()

@@ -33,9 +33,9 @@ struct Sums {
 }
 
 /// Returns the point c near `start` that minimises Σ w (I(c + d) − I(c − d))² over a window of
-/// `radius` pixels (Gauss–Newton). A crossing of edges is such a point, also with marker borders on both
-/// sides, which Förstner's operator mistakes for edges of the crossing where squares are small. Affine
-/// maps preserve it. `None` if it is undetermined or outside the window.
+/// `radius` pixels (Gauss–Newton). A crossing of edges is such a point, also with marker borders on
+/// both sides, which Förstner's operator mistakes for edges of the crossing where squares are
+/// small. Affine maps preserve it. `None` if it is undetermined or outside the window.
 pub(super) fn centre(picture: &Grey, start: DVec2, radius: f64) -> Option<Centre> {
     let radius = radius.clamp(WINDOW.0, WINDOW.1);
     let mut at = start;

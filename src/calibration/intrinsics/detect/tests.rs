@@ -59,7 +59,7 @@ fn errors(
 fn complete_board_is_accurate_to_hundredths_of_a_pixel() {
     let lens = camera();
     let renderer = BoardRenderer::new(&lens);
-    for (centre, tilt, turn, blur, noise, max_rms) in [
+    for (centre, tilt, roll, blur, noise, max_rms) in [
         (DVec3::new(0.0, 0.0, 0.4), DVec2::ZERO, 0.0, 0.5, 0.0, 0.03),
         (
             DVec3::new(0.02, 0.01, 0.45),
@@ -102,7 +102,7 @@ fn complete_board_is_accurate_to_hundredths_of_a_pixel() {
             0.06,
         ),
     ] {
-        let pose = pose(&BOARD, centre, tilt, turn);
+        let pose = pose(&BOARD, centre, tilt, roll);
         let picture = renderer.render(&BOARD, pose, blur, noise);
         let found = find_chessboard(&picture, 9, 6).unwrap();
         assert_eq!(found.placement, Placement::Known);
@@ -110,7 +110,7 @@ fn complete_board_is_accurate_to_hundredths_of_a_pixel() {
         let (worst, rms) = errors(&lens, &found, pose);
         assert!(
             rms < max_rms && worst < 4.0 * max_rms,
-            "{centre} {turn}: {rms} {worst}"
+            "{centre} {roll}: {rms} {worst}"
         );
     }
 }
@@ -146,8 +146,8 @@ fn partly_visible_board_is_reported_as_part() {
     let picture = renderer.render(&BOARD, pose, 0.5, 1.0);
     let found = find_chessboard(&picture, 9, 6).unwrap();
     assert_eq!(found.placement, Placement::Unknown);
-    let seen = found.corners.len();
-    assert!((12..54).contains(&seen), "{seen}");
+    let count = found.corners.len();
+    assert!((12..54).contains(&count), "{count}");
     // The corners are in order nevertheless: some translation of the board explains them.
     let shifts = (0..9).flat_map(|i| (0..6).map(move |j| (i, j)));
     let best = shifts

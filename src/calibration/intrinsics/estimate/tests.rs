@@ -64,8 +64,8 @@ fn recovers_lens_published_by_opencv() {
     };
     let found = estimate((640, 480), &views, &options).unwrap();
     let published = 535.915_733_961_632;
-    let off = found.lens.focal.x / published - 1.0;
-    assert!(off.abs() < 0.005, "{off}");
+    let deviation = found.lens.focal.x / published - 1.0;
+    assert!(deviation.abs() < 0.005, "{deviation}");
     assert!(found.lens.centre.distance(DVec2::new(342.283, 235.571)) < 3.0);
 }
 
@@ -107,22 +107,23 @@ fn recovers_published_real_fisheye() {
     };
     let found = estimate((1032, 778), &views, &options).unwrap();
     assert!(found.rms < 0.3851, "{}", found.rms);
-    let off = found.lens.focal / DVec2::new(337.01, 336.68) - 1.0;
-    assert!(off.abs().max_element() < 0.005, "{off}");
+    let deviation = found.lens.focal / DVec2::new(337.01, 336.68) - 1.0;
+    assert!(deviation.abs().max_element() < 0.005, "{deviation}");
     let from_published = found.lens.centre.distance(DVec2::new(543.986, 377.649));
     assert!(from_published < 1.0, "{:?}", found.lens.centre);
 }
 
-/// Returns poses that fill the picture and tilt in all directions.
-pub(crate) fn poses(count: usize, distance: f64, spread: f64, seed: u64) -> Vec<RigidTransform> {
-    poses_of(&BOARD, count, (distance, spread), seed)
+/// Returns poses tilted in all directions, at lateral offsets of at most `lateral` times their
+/// distance.
+pub(crate) fn poses(count: usize, distance: f64, lateral: f64, seed: u64) -> Vec<RigidTransform> {
+    poses_of(&BOARD, count, (distance, lateral), seed)
 }
 
 /// Like [`poses`], for any board.
 pub(crate) fn poses_of(
     board: &Board,
     count: usize,
-    (distance, spread): (f64, f64),
+    (distance, lateral): (f64, f64),
     seed: u64,
 ) -> Vec<RigidTransform> {
     let mut random = Random::new(seed);
@@ -130,8 +131,8 @@ pub(crate) fn poses_of(
         .map(|_| {
             let z = distance * random.between(0.8, 1.3);
             let centre = DVec3::new(
-                random.between(-spread, spread) * z,
-                random.between(-spread, spread) * 0.75 * z,
+                random.between(-lateral, lateral) * z,
+                random.between(-lateral, lateral) * 0.75 * z,
                 z,
             );
             let tilt = DVec2::new(random.between(-0.7, 0.7), random.between(-0.7, 0.7));
@@ -140,8 +141,8 @@ pub(crate) fn poses_of(
         .collect()
 }
 
-/// Projects the board's points through a known lens with noise of `sigma` pixels; points outside the
-/// picture are omitted.
+/// Projects the board's points through a known lens with noise of `sigma` pixels; points outside
+/// the picture are omitted.
 pub(crate) fn simulated_views(
     lens: &Lens,
     poses: &[RigidTransform],
@@ -193,7 +194,7 @@ pub(crate) fn fisheye() -> Lens {
 #[test]
 fn recovers_lenses_of_both_models_within_their_uncertainty() {
     let mut random = Random::new(3);
-    for (ground_truth, distance, spread) in [(pinhole(), 0.4, 0.35), (fisheye(), 0.12, 0.9)] {
+    for (ground_truth, distance, lateral) in [(pinhole(), 0.4, 0.35), (fisheye(), 0.12, 0.9)] {
         let options = Options {
             model: ground_truth.model,
             square_pixels: false,
@@ -201,7 +202,7 @@ fn recovers_lenses_of_both_models_within_their_uncertainty() {
         for seed in 0..6 {
             let views = simulated_views(
                 &ground_truth,
-                &poses(20, distance, spread, seed),
+                &poses(20, distance, lateral, seed),
                 0.15,
                 &mut random,
             );
@@ -215,10 +216,10 @@ fn recovers_lenses_of_both_models_within_their_uncertainty() {
             let relative = (found.lens.focal - ground_truth.focal) / ground_truth.focal;
             assert!(relative.abs().max_element() < 0.003, "{relative}");
             for i in 0..ground_truth.parameter_count() {
-                let off = found.lens.parameters()[i] - ground_truth.parameters()[i];
+                let deviation = found.lens.parameters()[i] - ground_truth.parameters()[i];
                 assert!(
-                    off.abs() < 4.5 * found.sigma[i],
-                    "{:?} {i}: {off} {}",
+                    deviation.abs() < 4.5 * found.sigma[i],
+                    "{:?} {i}: {deviation} {}",
                     ground_truth.model,
                     found.sigma[i]
                 );
@@ -227,7 +228,8 @@ fn recovers_lenses_of_both_models_within_their_uncertainty() {
     }
 }
 
-/// Views from similar directions give Zhang's closed form a poor focal length, which must not persist.
+/// Views from similar directions give Zhang's closed form a poor focal length, which must not
+/// persist.
 #[test]
 fn square_pixels_have_one_focal_length() {
     let mut random = Random::new(5);
@@ -249,9 +251,9 @@ fn square_pixels_have_one_focal_length() {
 
 #[test]
 fn recovers_lens_from_rendered_pictures() {
-    for (ground_truth, distance, spread) in [(pinhole(), 0.36, 0.33), (fisheye(), 0.13, 0.6)] {
+    for (ground_truth, distance, lateral) in [(pinhole(), 0.36, 0.33), (fisheye(), 0.13, 0.6)] {
         let renderer = BoardRenderer::new(&ground_truth);
-        let views: Vec<View> = poses(12, distance, spread, 8)
+        let views: Vec<View> = poses(12, distance, lateral, 8)
             .iter()
             .filter_map(|&pose| {
                 let picture = renderer.render(&BOARD, pose, 0.7, 2.0);
@@ -272,10 +274,14 @@ fn recovers_lens_from_rendered_pictures() {
             square_pixels: false,
         };
         let found = estimate((ground_truth.width, ground_truth.height), &views, &options).unwrap();
-        let off = (found.lens.focal / ground_truth.focal - 1.0)
+        let deviation = (found.lens.focal / ground_truth.focal - 1.0)
             .abs()
             .max_element();
-        assert!(off < 0.005 && found.rms < 0.15, "{off} {}", found.rms);
+        assert!(
+            deviation < 0.005 && found.rms < 0.15,
+            "{deviation} {}",
+            found.rms
+        );
         assert!(
             found.lens.centre.distance(ground_truth.centre) < 1.0,
             "{:?}",

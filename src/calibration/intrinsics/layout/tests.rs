@@ -17,7 +17,7 @@ fn projected_tags(layout: Layout, ids: impl Iterator<Item = u32>, step: f64) -> 
 
 fn layout(board: &str) -> (Board, Layout) {
     let board = Board::parse(board).unwrap();
-    (board, Layout::of(&board).unwrap())
+    (board, Layout::from_board(&board).unwrap())
 }
 
 #[test]

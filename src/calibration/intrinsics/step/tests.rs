@@ -78,8 +78,8 @@ fn rendered_charuco_pictures_give_hints_and_lens() {
     let found = step.finish(&made());
     assert_ne!(found.grade, Grade::Refused, "{:?}", found.findings);
     let record = LensRecord::parse("a", found.file.unwrap().as_bytes()).unwrap();
-    let off = (record.focal[0] / lens.focal.x - 1.0).abs();
-    assert!(off < 0.005, "{:?} {}", record.focal, lens.focal);
+    let deviation = (record.focal[0] / lens.focal.x - 1.0).abs();
+    assert!(deviation < 0.005, "{:?} {}", record.focal, lens.focal);
     assert_eq!(record.device.unwrap().serial.as_deref(), Some("A1"));
     assert!(found.report.contains("Lens of the scene camera") && found.report.contains("Next: "));
 }

@@ -36,16 +36,16 @@ fn finds_april_grid_through_fisheye() {
     ] {
         let at = pose(&grid, centre, tilt, 0.3);
         let picture = renderer.render(&grid, at, 0.6, 1.5);
-        let seen = TagFinder::new(&grid).unwrap().find(&picture);
-        let (rms, worst) = errors(&lens, at, &seen.points);
-        let each = seen.points.iter().map(|c| errors(&lens, at, &[*c]).0);
+        let found = TagFinder::new(&grid).unwrap().find(&picture);
+        let (rms, worst) = errors(&lens, at, &found.points);
+        let each = found.points.iter().map(|c| errors(&lens, at, &[*c]).0);
         let middle = penumbra_numerics::median(each).unwrap();
         println!(
             "{} tags, {} corners: {middle} {rms} {worst}",
-            seen.tags,
-            seen.points.len()
+            found.tags,
+            found.points.len()
         );
-        assert!(seen.tags >= 34 && seen.points.len() >= 110, "{seen:?}");
+        assert!(found.tags >= 34 && found.points.len() >= 110, "{found:?}");
         // The outermost tags, 80° from the axis, are foreshortened to a few pixels.
         assert!(rms < 0.1 && worst < 0.5, "{middle} {rms} {worst}");
     }
@@ -130,11 +130,11 @@ fn other_dictionary_and_other_layout_are_reported() {
 
 #[test]
 fn board_with_more_rows_is_used_with_a_finding() {
-    let drawn = board("charuco:7x6:0.03:0.022");
+    let rendered = board("charuco:7x6:0.03:0.022");
     let renderer = BoardRenderer::new(&pinhole());
     let mut collector = ViewCollector::new(board("charuco:7x5:0.03:0.022"));
-    for pose in poses_of(&drawn, 6, (0.45, 0.1), 3) {
-        collector.add_picture("", &renderer.render(&drawn, pose, 0.6, 1.0));
+    for pose in poses_of(&rendered, 6, (0.45, 0.1), 3) {
+        collector.add_picture("", &renderer.render(&rendered, pose, 0.6, 1.0));
     }
     let options = Options {
         model: LensModel::Brown,

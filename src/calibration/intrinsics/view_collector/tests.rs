@@ -15,8 +15,9 @@ const OPTIONS: Options = Options {
 fn pictures() -> Vec<Grey> {
     let board = Board::parse("chess:9x6:0.025").unwrap();
     let renderer = BoardRenderer::new(&pinhole());
-    let draw = |&pose: &penumbra_interface::RigidTransform| renderer.render(&board, pose, 0.6, 1.0);
-    poses(5, 0.45, 0.05, 8).iter().map(draw).collect()
+    let render =
+        |&pose: &penumbra_interface::RigidTransform| renderer.render(&board, pose, 0.6, 1.0);
+    poses(5, 0.45, 0.05, 8).iter().map(render).collect()
 }
 
 fn collected(board: &str, pictures: &[Grey]) -> ViewCollector {
@@ -71,8 +72,8 @@ fn no_board_is_refused() {
     assert_eq!(*finding, Finding::BoardNotSeen { pictures: 1 });
 }
 
-/// Corners near the picture's centre do not determine k3; the lens without it fits equally well and stays
-/// invertible.
+/// Corners near the picture's centre do not determine k3; the lens without it fits equally well and
+/// stays invertible.
 #[test]
 fn undetermined_coefficient_is_omitted() {
     let ground_truth = {
