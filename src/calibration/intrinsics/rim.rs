@@ -14,7 +14,8 @@ const CELLS: (usize, usize) = (64, 48);
 const MIN_LIT_SHARE: f32 = 0.12;
 /// Minimum code of a lit cell.
 const MIN_LIT_CODE: f32 = 12.0;
-/// Maximum standard deviation of a determined direction's projection, pixels of a picture 1280 wide.
+/// Maximum standard deviation of a determined direction's projection, pixels of a picture 1280
+/// wide.
 const MAX_SIGMA: f64 = 3.0;
 /// Step of the outward search, radians.
 const STEP: f64 = 0.5 * PI / 180.0;
