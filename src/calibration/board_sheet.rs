@@ -66,7 +66,7 @@ impl BoardSheet {
     /// Lays out a board. The top left square of a chessboard is black, as is a ChArUco board's
     /// (OpenCV since 4.6).
     #[must_use]
-    pub fn of(board: &Board) -> Self {
+    pub fn from_board(board: &Board) -> Self {
         let pattern = pattern::from_board(board);
         let margin = MARGIN * pattern.border;
         let width = pattern.width + 2.0 * margin;

@@ -5,7 +5,7 @@ use crate::intrinsics::detect::{Placement, find_chessboard};
 use crate::intrinsics::tag_finder::TagFinder;
 
 fn sheet() -> BoardSheet {
-    BoardSheet::of(&Board::parse("chess:9x6:0.025").unwrap())
+    BoardSheet::from_board(&Board::parse("chess:9x6:0.025").unwrap())
 }
 
 #[test]
@@ -71,7 +71,7 @@ fn raster_of_impossible_size_is_an_error() {
         sheet().raster(0),
         Err(SheetError::TooLarge { .. })
     ));
-    let small = BoardSheet::of(&Board::parse("chess:3x3:0.005").unwrap());
+    let small = BoardSheet::from_board(&Board::parse("chess:3x3:0.005").unwrap());
     assert!(small.caption.contains("20 mm long"));
 }
 
@@ -88,7 +88,7 @@ fn tag_boards_are_detected_at_printed_positions() {
         ("charuco:4x5:0.03:0.024:tag36h11", 10, (0.015, 0.015)),
     ] {
         let board = Board::parse(text).unwrap();
-        let (pixels, width, height) = BoardSheet::of(&board).raster(200).unwrap();
+        let (pixels, width, height) = BoardSheet::from_board(&board).raster(200).unwrap();
         let picture = Grey::from_bytes(width as usize, height as usize, &pixels);
         let found = TagFinder::new(&board).unwrap().find(&picture);
         assert_eq!(

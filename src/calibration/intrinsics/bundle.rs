@@ -5,10 +5,7 @@ use super::pose::{by_pose, moved};
 use glam::DVec2;
 use penumbra_camera::{Lens, MAX_PARAMETERS};
 use penumbra_interface::RigidTransform;
-use penumbra_numerics::Matrix;
-
-/// Damping at which the minimisation stops.
-const MAX_DAMPING: f64 = 1e10;
+use penumbra_numerics::{Matrix, Stop, descend};
 
 /// Mapping from lens parameters to unknowns; parameters of the same unknown are equal.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -133,27 +130,17 @@ pub(super) struct Reduced {
 
 impl Bundle<'_> {
     /// Minimises the cost from `state`; `None` if the cost of `state` is undefined.
-    pub fn minimise(&self, mut state: State, iterations: usize) -> Option<(State, Linearised)> {
-        let mut here = self.linearise(&state)?;
-        let mut damping = 1e-4;
-        for _ in 0..iterations {
-            let mut next = None;
-            while next.is_none() && damping < MAX_DAMPING {
-                next = self
-                    .stepped(&state, &here, damping)
-                    .and_then(|s| self.linearise(&s).map(|l| (s, l)))
-                    .filter(|(_, l)| l.cost.is_finite() && l.cost <= here.cost);
-                damping *= if next.is_some() { 0.1 } else { 10.0 };
-            }
-            damping = damping.max(1e-12);
-            let Some((s, l)) = next else { break };
-            let gain = here.cost - l.cost;
-            (state, here) = (s, l);
-            if gain <= 1e-10 * here.cost {
-                break;
-            }
-        }
-        Some((state, here))
+    pub fn minimise(&self, state: State, iterations: usize) -> Option<(State, Linearised)> {
+        let stop = Stop {
+            iterations,
+            min_gain: 1e-10,
+        };
+        descend(
+            state,
+            stop,
+            |state| self.linearise(state).map(|l| (l.cost, l)),
+            |state, at, damping| self.stepped(state, at, damping),
+        )
     }
 
     pub fn linearise(&self, state: &State) -> Option<Linearised> {

@@ -38,7 +38,7 @@ pub struct KnownLenses {
 impl KnownLenses {
     /// Returns the lenses of a rig.
     #[must_use]
-    pub fn of(rig: &RigDocument) -> Self {
+    pub fn from_rig(rig: &RigDocument) -> Self {
         let pinhole = |camera: &penumbra_camera::PinholeCamera| KnownLens {
             size: (camera.width, camera.height),
             focal: camera.focal.x,
@@ -61,7 +61,7 @@ impl KnownLenses {
 
     /// Returns the lens of one camera.
     #[must_use]
-    pub const fn of_eye(&self, camera: CameraRole) -> Option<KnownLens> {
+    pub const fn lens(&self, camera: CameraRole) -> Option<KnownLens> {
         match camera {
             CameraRole::Scene => self.scene,
             CameraRole::Environment => self.environment,
@@ -85,12 +85,12 @@ pub fn inconsistencies(
     camera: CameraRole,
     options: &Options,
 ) -> Vec<(Grade, Finding)> {
-    let (Some(result), Some(this)) = (&outcome.result, present.of_eye(camera)) else {
+    let (Some(result), Some(this)) = (&outcome.result, present.lens(camera)) else {
         return Vec::new();
     };
     let lens = &result.estimate.lens;
     let size = (lens.width, lens.height);
-    let other = present.of_eye(other_role(camera));
+    let other = present.lens(other_role(camera));
     let focal = (lens.focal.x * lens.focal.y).sqrt();
     let difference = |lens: KnownLens| (focal / lens.focal - 1.0).abs();
     let mut found = Vec::new();

@@ -60,7 +60,7 @@ impl IntrinsicsStep {
 
     /// Detects the board in a picture and keeps it as a view; `name` identifies the view in the
     /// report.
-    pub fn look_at(&mut self, name: &str, picture: &Picture) {
+    pub fn add_picture(&mut self, name: &str, picture: &Picture) {
         self.pictures += 1;
         let result = self
             .collector
@@ -229,7 +229,7 @@ impl Step for IntrinsicsStep {
             && shown.camera == self.camera
             && shown.bracket_ev == 0.0
         {
-            self.look_at(&format!("{:.2} s", shown.seconds), shown.picture);
+            self.add_picture(&format!("{:.2} s", shown.seconds), shown.picture);
         }
     }
 

@@ -109,7 +109,7 @@ fn check(rig: RigDocument) -> Finished {
         size: m.size,
         map_from_tag: m.world_from_marker,
     });
-    let known = Known {
+    let known = CheckedRig {
         map: TagMap::new(tags.collect()).unwrap(),
         rig,
         caster: None,

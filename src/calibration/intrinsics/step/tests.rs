@@ -89,7 +89,7 @@ fn recording_without_board_is_refused() {
     let mut step = step("charuco:9x6:0.03:0.022");
     assert_eq!(step.progress().share, 0.0);
     let black = picture(&Grey::from_bytes(640, 480, &[]));
-    step.look_at("1", &black);
+    step.add_picture("1", &black);
     assert!(step.progress().hint.starts_with("show the complete board"));
     let found = step.finish(&made());
     assert_eq!((found.grade, found.file), (Grade::Refused, None));
