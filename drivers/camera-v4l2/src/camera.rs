@@ -171,7 +171,7 @@ impl<D: VideoDevice> V4l2Camera<D> {
         let implausible = self.stream.timestamps.implausible;
         if implausible > 0 {
             notes.push(format!(
-                "{implausible} time stamps cannot be true; the time of arrival is used instead"
+                "{implausible} time stamps are implausible; the time of arrival is used instead"
             ));
         }
         notes.into()
@@ -250,7 +250,7 @@ fn set_mode(
     Ok(got)
 }
 
-/// Whether the user has told `uvcvideo` to take time stamps from the cameras' own clocks.
+/// Whether `uvcvideo` is configured to take time stamps from the cameras' own clocks.
 fn uvc_uses_camera_clock() -> bool {
     let parameter = std::fs::read_to_string("/sys/module/uvcvideo/parameters/hwtimestamps");
     parameter.is_ok_and(|value| value.trim() != "0")

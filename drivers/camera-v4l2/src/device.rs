@@ -6,10 +6,10 @@ use rustix::io::{Errno, Result};
 use std::time::Duration;
 use v4l::{buffer, control};
 
-/// What ended a wait. All false: the time is up.
+/// The events that ended a wait. All false: it timed out.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Readiness {
-    /// A buffer can be dequeued, or dequeuing tells what is wrong.
+    /// A buffer can be dequeued, or dequeuing returns the error.
     pub frame: bool,
     /// A control event can be read.
     pub event: bool,
@@ -96,7 +96,7 @@ pub(crate) struct CaptureFormat {
     pub frames_per_second: Option<f64>,
 }
 
-/// What the driver says about the device.
+/// Capabilities of the device, as reported by the driver.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Capabilities {
     pub driver: String,

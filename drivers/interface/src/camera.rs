@@ -12,10 +12,10 @@ pub trait Camera: Send {
     /// newest is returned and the others are counted as superseded.
     ///
     /// # Errors
-    /// [`DeviceError::recovery`] says whether to go on reading, to reopen or to give up.
+    /// The device fails; [`DeviceError::recovery`] tells whether to continue, to reopen or to give up.
     fn next_frame(&mut self, timeout: Duration) -> Result<Option<Frame>, DeviceError>;
 
-    /// What is known of the camera, and what it has done so far.
+    /// Reports the state and the counters of the camera.
     fn report(&self) -> CameraReport;
 }
 
@@ -31,10 +31,10 @@ pub struct CameraReport {
     pub stamps: StampSource,
     /// The state of every configured control. Shared between reports until a control changes.
     pub controls: Arc<[ControlReport]>,
-    /// What has happened so far.
+    /// Counters since the camera was opened.
     pub counters: CameraCounters,
-    /// What its user should know, one line each: a mode that differs from the configured one, a
-    /// defect of the camera that is worked around.
+    /// Notes for the user, one line each: a mode that differs from the configured one, a defect of
+    /// the camera that is worked around.
     pub notes: Arc<[String]>,
 }
 
@@ -70,7 +70,7 @@ pub enum StampSource {
     Recorded,
 }
 
-/// What a camera has done since it was opened.
+/// Counters of a camera since it was opened.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct CameraCounters {
     /// Frames delivered.

@@ -1,4 +1,4 @@
-//! What the receivers of all simulated magnetic trackers have in common.
+//! Poses of the receivers of all simulated magnetic trackers.
 
 use glam::{DQuat, DVec3};
 use penumbra_interface::RigidTransform;

@@ -307,7 +307,7 @@ fn ports_that_cannot_be_opened_are_named() {
     assert!(error.to_string().contains("is no serial port"), "{error}");
     let settings = TrackerSettings::new("polaris", PortName::Serial("/dev/null".to_owned()));
     let error = open(&settings).err().unwrap().to_string();
-    assert!(error.contains("there are fastrak"), "{error}");
+    assert!(error.contains("the protocols are fastrak"), "{error}");
 }
 
 #[test]

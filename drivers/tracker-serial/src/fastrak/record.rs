@@ -35,7 +35,7 @@ pub enum Ending {
     Space,
 }
 
-/// What the device has been set to send, and which positions are plausible.
+/// The configured record format, and the range of plausible positions.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Format {
     /// Text or floats.

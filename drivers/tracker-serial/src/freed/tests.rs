@@ -57,7 +57,7 @@ fn an_optical_frame_becomes_a_studio_frame() {
 }
 
 #[test]
-fn axes_are_parsed_and_printed_alike() {
+fn printed_axes_parse_to_the_same_axes() {
     for text in ["pan,tilt,roll,x,y,z", "-tilt,pan,roll,z,-y,x"] {
         assert_eq!(Axes::parse(text).unwrap().to_string(), text);
     }

@@ -110,7 +110,7 @@ proptest! {
     }
 
     #[test]
-    fn arbitrary_bytes_never_break_it(bytes in prop::collection::vec(any::<u8>(), 0..600)) {
+    fn arbitrary_bytes_do_not_panic(bytes in prop::collection::vec(any::<u8>(), 0..600)) {
         let (mut client, mut messages) = (Client::new("T"), Vec::new());
         client.push(&server(), &mut messages).unwrap();
         let _ = client.push(&bytes, &mut messages);
