@@ -322,10 +322,10 @@ fn running_rig_records_on_request() {
         let session = Session::open(&desk.path("recordings").join(name)).unwrap();
         assert!(session.has_journal() && !session.truncated(), "{name}");
     }
-    let nobody = desk.refuses(&format!("record c.mcap --while-running --listen {address}"));
+    let refused = desk.refuses(&format!("record c.mcap --while-running --listen {address}"));
     assert!(
-        nobody.contains("no `penumbra run` answers there"),
-        "{nobody}"
+        refused.contains("no `penumbra run` answers there"),
+        "{refused}"
     );
 }
 

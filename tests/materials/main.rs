@@ -1,5 +1,5 @@
-//! Glossy surfaces under maps, from the prefiltered chain, beside plain numerical integration
-//! and the paper's chain of box-filtered maps. `--nocapture` shows the table of errors.
+//! Compares reflections on glossy surfaces from prefiltered maps with numerical integration and
+//! with the paper's chain of box-filtered maps. `--nocapture` shows the table of errors.
 
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
@@ -8,7 +8,7 @@ mod maps;
 
 use glam::Vec3;
 use integral::{Integrator, View, boxed, prefiltered, reflectance};
-use maps::{SPOT, drawn, real};
+use maps::{SPOT, real, rendered};
 use penumbra_lighting::CubeMap;
 use penumbra_lighting::box_chain::box_chain;
 use penumbra_lighting::compact_source_specular::excesses;
@@ -32,7 +32,7 @@ fn lobes() -> impl Iterator<Item = (Family, f32, f32)> {
     ggx.into_iter().chain(phong)
 }
 
-/// Surfaces all round, and some that mirror the spot or what is beside it.
+/// Views with reflected directions in all directions, some towards the spot or next to it.
 fn views() -> Vec<View> {
     let mut all = Vec::new();
     for (k, n_dot_v) in SLANTS.into_iter().enumerate() {
@@ -57,7 +57,7 @@ fn views() -> Vec<View> {
     all
 }
 
-/// As the program makes it: sources are looked for, and left out of the levels.
+/// Prefilters as the program does: compact sources are found and removed from the levels.
 fn chain(map: &[Vec3]) -> CubeMap {
     let grid = CubeGrid::new(SIZE);
     let samples = SampleGrid {
@@ -75,12 +75,12 @@ fn chain(map: &[Vec3]) -> CubeMap {
     PREFILTER.apply_without(map, &excesses(&grid, map, &without, &towards, &widths))
 }
 
-/// Root mean square errors over the views by the root mean square, prefiltered and boxed.
+/// Root mean square errors over the views relative to the root mean square, prefiltered and boxed.
 struct Errors {
     lobe: (Family, f32),
     prefiltered: f64,
     boxed: f64,
-    /// Root mean square of the truth.
+    /// Root mean square of the numerical integral.
     size: f64,
 }
 
@@ -117,7 +117,7 @@ fn errors(maps: &[Vec<Vec3>]) -> Vec<Vec<Errors>> {
     all
 }
 
-/// Over all lobes of a family.
+/// Combines the errors of all lobes of a family.
 fn overall(list: &[Errors], family: Family, of: impl Fn(&Errors) -> f64) -> f64 {
     let of_family = || list.iter().filter(|e| e.lobe.0 == family);
     let sum: f64 = of_family().map(|e| of(e).powi(2) * e.size).sum();
@@ -135,11 +135,11 @@ fn print(name: &str, list: &[Errors]) {
 }
 
 #[test]
-fn constant_light_comes_back_as_the_albedo_says() {
+fn constant_light_is_reflected_by_the_albedo() {
     let all = errors(&[vec![Vec3::new(0.3, 1.0, 2.0); 6 * (SIZE * SIZE) as usize]]);
     print("constant", &all[0]);
     for e in &all[0] {
-        // GGX's sum goes over 1024 half vectors.
+        // The sum for GGX uses 1024 half vectors.
         let most = if e.lobe.0 == Family::Phong {
             2e-3
         } else {
@@ -150,8 +150,8 @@ fn constant_light_comes_back_as_the_albedo_says() {
 }
 
 #[test]
-fn gradients_are_followed() {
-    let all = errors(&[drawn(SIZE, |d| {
+fn gradients_are_reproduced() {
+    let all = errors(&[rendered(SIZE, |d| {
         Vec3::new(1.0 + 0.8 * d.z, 1.0 - 0.5 * d.x, 1.0 + 0.9 * d.y)
     })]);
     print("gradient", &all[0]);
@@ -166,8 +166,8 @@ fn gradients_are_followed() {
 }
 
 #[test]
-fn a_small_source_is_the_hardest() {
-    let all = errors(&[drawn(SIZE, maps::spot)]);
+fn small_source_is_reproduced() {
+    let all = errors(&[rendered(SIZE, maps::spot)]);
     print("spot", &all[0]);
     for e in &all[0] {
         let most = if e.lobe.0 == Family::Phong {
@@ -181,7 +181,7 @@ fn a_small_source_is_the_hardest() {
 }
 
 #[test]
-fn photographed_maps_come_out_nearer_than_from_the_papers_chain() {
+fn photographed_maps_have_less_error_than_with_the_papers_chain() {
     let Some(maps) = real(SIZE) else { return };
     let (names, texels): (Vec<_>, Vec<_>) = maps.into_iter().unzip();
     // The sun outdoors is a hundred thousand times as bright as the sky.
@@ -207,10 +207,10 @@ fn photographed_maps_come_out_nearer_than_from_the_papers_chain() {
     }
 }
 
-/// Helmholtz: what l sends to v, v sends to l. (The prefiltered look-up is no longer
-/// reciprocal; the model that it stands for is.)
+/// Helmholtz reciprocity: exchanging l and v does not change the BRDF. (The prefiltered look-up
+/// is not reciprocal; the model that it approximates is.)
 #[test]
-fn both_models_are_reciprocal() {
+fn models_are_reciprocal() {
     for (family, _, p) in lobes() {
         for view in views() {
             let (a, b) = view.n.any_orthonormal_pair();

@@ -1,11 +1,11 @@
-//! Maps to light things with.
+//! Environment maps.
 
 use glam::Vec3;
 use penumbra_lighting::cube::{CubeGrid, face_direction};
 use std::f32::consts::PI;
 use std::path::Path;
 
-/// Where the small source stands.
+/// Direction of the small source.
 pub const SPOT: Vec3 = Vec3::new(0.3, 0.5, 0.81);
 
 /// A source of 3° half angle, 2000 times as bright as the rest.
@@ -14,7 +14,7 @@ pub fn spot(d: Vec3) -> Vec3 {
     Vec3::splat(if lit { 100.0 } else { 0.05 })
 }
 
-pub fn drawn(size: u32, radiance: impl Fn(Vec3) -> Vec3) -> Vec<Vec3> {
+pub fn rendered(size: u32, radiance: impl Fn(Vec3) -> Vec3) -> Vec<Vec3> {
     CubeGrid::new(size)
         .directions
         .into_iter()
@@ -39,7 +39,7 @@ pub fn real(size: u32) -> Option<Vec<(String, Vec<Vec3>)>> {
     all
 }
 
-/// Means over the texels of a map laid out by longitude and latitude.
+/// Converts an equirectangular map to a cube map by means over the texels.
 fn cube(size: u32, picture: &image::Rgb32FImage) -> Vec<Vec3> {
     const PARTS: u32 = 4;
     let (width, height) = (picture.width() as f32, picture.height() as f32);
