@@ -200,7 +200,8 @@ fn pictures_continue_without_tracker_and_with_a_faulty_driver() {
     let rig = Rig::start(&faultless("scene"), &environment, &poses);
     rig.until(DeviceKind::Tracker, "its loss is reported", |d| {
         d.state == DeviceState::Retrying
-            && d.reason.as_deref() == Some("tracker: not there; plug it in or name another one")
+            && d.reason.as_deref()
+                == Some("tracker: not connected; plug it in or configure another one")
     });
     let reported = rig.device(DeviceKind::Tracker).unwrap();
     assert_eq!(reported.losses, 1, "{reported:?}");
@@ -246,11 +247,11 @@ fn faulty_scene_camera_is_reported_and_reopened() {
     let rig = Rig::start(&scene, &faultless("environment"), &faultless("tracker"));
     rig.until(DeviceKind::SceneCamera, "its loss is reported", |d| {
         let reason = d.reason.as_deref();
-        d.state == DeviceState::Retrying && reason.is_some_and(|r| r.contains("not there"))
+        d.state == DeviceState::Retrying && reason.is_some_and(|r| r.contains("not connected"))
     });
     let reported = rig.status.snapshot().session.description;
     assert!(
-        reported.contains("no picture comes: scene: not there"),
+        reported.contains("no picture comes: scene: not connected"),
         "{reported}"
     );
     scene.plug_in();

@@ -313,7 +313,7 @@ fn encodes_nothing_without_viewers() {
     assert!(server.shared.wants_picture());
     drop(viewer);
     server.picture(1);
-    server.until("the viewer is gone", || {
+    server.until("the viewer is disconnected", || {
         server.picture(2);
         server.shared.snapshot().stream.viewers == 0
     });
@@ -366,7 +366,7 @@ fn serves_sixteen_viewers_at_a_time() {
     assert!(refused.text().contains("16 viewers are connected already"));
     assert_eq!(server.get("/healthz").status, 200);
     drop(viewers);
-    server.until("the viewers are gone", || {
+    server.until("the viewers are disconnected", || {
         server.picture(8);
         server.shared.snapshot().stream.viewers == 0
     });

@@ -24,7 +24,7 @@ use std::time::Duration;
 ///
 /// # Errors
 /// The camera is missing, in use or disconnected, may not be used, is not a camera, or does
-/// not offer the mode. The message says what to do.
+/// not offer the mode. The message includes a remedy.
 pub fn open(
     settings: &CameraSettings,
     clock: Arc<dyn Clock>,

@@ -46,7 +46,7 @@ pub(crate) struct FilledBuffer {
     pub flags: buffer::Flags,
     /// The driver's frame counter, which starts at 0 with the stream.
     pub sequence: u32,
-    /// The driver's time stamp. `flags` say on which clock and of which instant.
+    /// The driver's time stamp. `flags` define its clock and its instant.
     pub timestamp: MonotonicTime,
 }
 

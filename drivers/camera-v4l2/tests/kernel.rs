@@ -1,7 +1,7 @@
 //! Tests of the driver with the kernel's video devices.
 //!
 //! `PENUMBRA_TEST_CAMERA` names the camera, in any way that the settings allow; without it all
-//! tests are skipped and say so. Tests that need a certain driver or control are skipped with
+//! tests print SKIPPED. Tests that need a certain driver or control are skipped with
 //! other cameras. `vivid` is the kernel's simulated camera, which can produce faults.
 #![cfg(target_os = "linux")]
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]

@@ -113,13 +113,13 @@ pub enum ControlStanding {
     Adjusted,
     /// The device refused the value, for this reason.
     Refused(String),
-    /// Another program changed it, and the configuration says to report that only.
+    /// Another program changed it, and the configuration requests only a report.
     Changed,
 }
 
 /// The middle of an exposure, from a stamp and the exposure time in microseconds.
 ///
-/// For rolling and global shutters alike: a stamp of the start is half an exposure before the
+/// Applies to rolling and global shutters: a stamp of the start is half an exposure before the
 /// middle. A stamp of the end or of the first bytes is half an exposure after it, plus the
 /// read-out or a part of it, which is constant and belongs to the camera's calibrated latency.
 #[must_use]

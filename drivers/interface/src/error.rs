@@ -17,13 +17,13 @@ pub enum Recovery {
 #[derive(Clone, Debug, Error)]
 pub enum DeviceError {
     /// The device does not exist.
-    #[error("{device}: not there; plug it in or name another one")]
+    #[error("{device}: not connected; plug it in or configure another one")]
     NotFound {
         /// Path or name.
         device: String,
     },
     /// The device disappeared while in use.
-    #[error("{device}: gone; plug it in again")]
+    #[error("{device}: disconnected; plug it in again")]
     Unplugged {
         /// Path or name.
         device: String,

@@ -18,7 +18,7 @@ pub fn spawn_background<T: Send + 'static>(
 }
 
 /// Lowers the priority of the calling thread alone. Linux accepts a thread's number in place of
-/// a process's here; other systems would lower the whole process, so nothing is done there. If
+/// a process's here; other systems would lower the complete process, so nothing is done there. If
 /// the system refuses, the work runs at normal priority.
 fn lower_priority() {
     #[cfg(target_os = "linux")]

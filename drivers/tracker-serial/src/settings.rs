@@ -51,7 +51,7 @@ impl TrackerSettings {
 /// The default baud rate of a protocol.
 ///
 /// A FASTRAK needs 115200 to send text at its full 120 records a second (54 bytes of ten bits
-/// each); FreeD's manual says 38400.
+/// each); FreeD's manual specifies 38400.
 #[must_use]
 pub fn usual_baud(protocol: &str) -> u32 {
     if protocol.starts_with("freed") {

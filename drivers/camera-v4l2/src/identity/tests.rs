@@ -205,7 +205,7 @@ fn a_machine_without_cameras_or_sysfs_has_no_cameras() {
     let error = node("", &roots).unwrap_err().to_string();
     assert_eq!(
         error,
-        "any camera: not there; plug it in or name another one"
+        "any camera: not connected; plug it in or configure another one"
     );
 }
 

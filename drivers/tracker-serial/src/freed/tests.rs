@@ -34,7 +34,7 @@ fn pan_turns_right_tilt_up_and_roll_clockwise() {
     assert!(near(turned([0.0, 90.0, 0.0], DVec3::Y), DVec3::Z));
     // Clockwise from behind: the camera's right side goes down.
     assert!(near(turned([0.0, 0.0, 90.0], DVec3::X), DVec3::NEG_Z));
-    // Pan is about the vertical, whatever the tilt.
+    // Pan is about the vertical for any tilt.
     assert!(near(turned([90.0, 90.0, 0.0], DVec3::Z), DVec3::NEG_X));
 }
 

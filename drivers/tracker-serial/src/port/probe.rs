@@ -72,8 +72,8 @@ fn probe_at(line: &mut impl Line, baud: u32) -> Result<Option<Found>, DeviceErro
         } else {
             "fastrak"
         };
-        let said = fastrak::commands::describe(&status).description;
-        return Ok(Some(found(encoding, Some(baud), said)));
+        let description = fastrak::commands::describe(&status).description;
+        return Ok(Some(found(encoding, Some(baud), description)));
     }
     // Ends a command line that another device may have begun, then asks a Liberty.
     line.write(b"\r\x16\r")?;
@@ -82,7 +82,7 @@ fn probe_at(line: &mut impl Line, baud: u32) -> Result<Option<Found>, DeviceErro
     }
     line.write(&[b'O', 1])?;
     let answer = listen(line, ANSWER_TIMEOUT)?;
-    Ok(flock_version(&answer).map(|said| found("flock", Some(baud), Some(said))))
+    Ok(flock_version(&answer).map(|version| found("flock", Some(baud), Some(version))))
 }
 
 /// The software version of a Flock of Birds: two bytes, the first one small.
@@ -93,11 +93,11 @@ fn flock_version(answer: &[u8]) -> Option<String> {
     }
 }
 
-fn found(protocol: &str, baud: Option<u32>, said: Option<String>) -> Found {
+fn found(protocol: &str, baud: Option<u32>, description: Option<String>) -> Found {
     Found {
         protocol: protocol.to_owned(),
         baud,
-        said,
+        said: description,
     }
 }
 

@@ -81,7 +81,7 @@ pub struct Reading {
 
 /// Reads an emulated camera's JPEG.
 pub fn read_jpeg(data: &[u8]) -> Reading {
-    let picture = turbojpeg::decompress_to_yuv(data).expect("a whole JPEG");
+    let picture = turbojpeg::decompress_to_yuv(data).expect("a complete JPEG");
     let (width, height) = (picture.width, picture.height);
     let (x, y) = middle_of_patch(MIDDLE_GREY, width, height);
     let chroma = |plane: usize| {

@@ -3,7 +3,7 @@
 //! Devices and controls are accessed by the crate `v4l`, which may panic in a test; events and
 //! buffers by its raw bindings, because its streams cannot continue after a time-out. Penumbra's
 //! driver is not used, so that tests of the guest do not depend on it.
-#![allow(unsafe_code)] // ioctl and mmap: each block says why it is sound
+#![allow(unsafe_code)] // ioctl and mmap: each block gives its reason
 
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::fd::BorrowedFd;
@@ -276,7 +276,7 @@ impl Stream<'_> {
 
 impl Drop for Stream<'_> {
     fn drop(&mut self) {
-        // Both fail if the camera is gone.
+        // Both fail if the camera is disconnected.
         let _ = self.camera.send(vidioc::VIDIOC_STREAMOFF, &mut { CAPTURE });
         self.maps.clear();
         let _ = self.camera.request_buffers(0);

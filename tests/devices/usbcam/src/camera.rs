@@ -192,9 +192,9 @@ impl Camera {
         if faults.truncated > 0 && mode.format == Format::Mjpeg {
             frame.truncate(frame.len() / 2);
         }
-        let whole = payloads(&frame, parity, faults.damaged > 0)
+        let is_complete = payloads(&frame, parity, faults.damaged > 0)
             .all(|payload| self.link.deliver(&payload, TIMEOUT));
-        if whole {
+        if is_complete {
             *lock(&self.newest) = Some(shot);
             // Only the faults of this frame: a command may have set others meanwhile.
             let mut left = lock(&self.faults);

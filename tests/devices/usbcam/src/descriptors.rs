@@ -55,15 +55,15 @@ pub fn string(identity: Identity, index: u8) -> Vec<u8> {
 pub fn configuration(identity: Identity) -> Vec<u8> {
     let control = control_interface(identity);
     let streaming = streaming_interface();
-    let mut whole = vec![9, 2, 0, 0, 2, 1, 0, 0x80, 250];
-    whole.extend([8, 0x0b, 0, 2, 0x0e, 3, 0, 2]); // both interfaces are one function
-    whole.extend([9, 4, 0, 0, 0, 0x0e, 1, 0, 2]);
-    whole.extend(control);
-    whole.extend([9, 4, 1, 0, 1, 0x0e, 2, 0, 0]);
-    whole.extend(streaming);
-    whole.extend([7, 5, 0x81, 2, 0x00, 0x02, 0]);
-    put_length(&mut whole, 2);
-    whole
+    let mut descriptor = vec![9, 2, 0, 0, 2, 1, 0, 0x80, 250];
+    descriptor.extend([8, 0x0b, 0, 2, 0x0e, 3, 0, 2]); // both interfaces are one function
+    descriptor.extend([9, 4, 0, 0, 0, 0x0e, 1, 0, 2]);
+    descriptor.extend(control);
+    descriptor.extend([9, 4, 1, 0, 1, 0x0e, 2, 0, 0]);
+    descriptor.extend(streaming);
+    descriptor.extend([7, 5, 0x81, 2, 0x00, 0x02, 0]);
+    put_length(&mut descriptor, 2);
+    descriptor
 }
 
 /// Camera terminal 1, processing unit 2 and the output towards the computer, 3.
@@ -151,8 +151,8 @@ mod tests {
     #[test]
     fn configuration_is_a_chain_of_descriptors() {
         for identity in CAMERAS {
-            let whole = configuration(identity);
-            let mut rest = whole.as_slice();
+            let descriptor = configuration(identity);
+            let mut rest = descriptor.as_slice();
             while !rest.is_empty() {
                 assert!(
                     rest[0] >= 2 && usize::from(rest[0]) <= rest.len(),
@@ -161,8 +161,8 @@ mod tests {
                 rest = &rest[usize::from(rest[0])..];
             }
             assert_eq!(
-                usize::from(u16::from_le_bytes([whole[2], whole[3]])),
-                whole.len()
+                usize::from(u16::from_le_bytes([descriptor[2], descriptor[3]])),
+                descriptor.len()
             );
         }
     }

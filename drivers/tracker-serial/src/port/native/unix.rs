@@ -115,7 +115,7 @@ fn read_from(
     }
 }
 
-/// Whether an error says that a USB adapter has been pulled out or that the other end of a
+/// Whether an error means that a USB adapter has been unplugged or that the other end of a
 /// pseudo-terminal is closed.
 pub fn is_gone(error: &io::Error) -> bool {
     let numbers = [Errno::IO, Errno::NXIO, Errno::NODEV, Errno::PIPE];

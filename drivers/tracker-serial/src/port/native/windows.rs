@@ -38,7 +38,7 @@ pub fn preflight(path: &Path) -> io::Result<Preflight> {
     })
 }
 
-/// Whether an error says that the port is gone.
+/// Whether an error means that the port is disconnected.
 pub fn is_gone(error: &io::Error) -> bool {
     matches!(
         error.kind(),

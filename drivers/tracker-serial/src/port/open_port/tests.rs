@@ -65,7 +65,7 @@ fn recoverable_errors_are_distinguished() {
     assert!(message(serialport::ErrorKind::NoDevice).contains("busy"));
     assert!(message(serialport::ErrorKind::Unknown).contains("cannot be set up"));
     drop(pty.device);
-    assert!(message(serialport::ErrorKind::Unknown).contains("not there"));
+    assert!(message(serialport::ErrorKind::Unknown).contains("not connected"));
     let error = preflight_error("port", &pty.path, &ErrorKind::PermissionDenied.into());
     assert_eq!(error.recovery(), penumbra_interface::Recovery::Reopen);
 }
