@@ -273,7 +273,7 @@ fn dashboard_calibrates_a_lens() {
     browser.wait_for("document.getElementById('calibrate-start').checkVisibility()");
     browser.evaluate("document.getElementById('calibrate-card').scrollIntoView()");
     keep("calibrate-form.png", &browser.screenshot(false));
-    // An invalid board is refused beside its field.
+    // The refusal of an invalid board is shown next to its field.
     let type_board = |browser: &mut Chromium, board: &str| {
         browser.evaluate(&format!(
             "document.querySelector('[name=board]').value = '{board}'"

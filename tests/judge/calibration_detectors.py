@@ -137,7 +137,7 @@ def available(j: Judge) -> list[tuple[str, object]]:
     return found
 
 
-def judged(series: Series, outcomes: dict[str, tuple[str, Outcome]]) -> tuple[list[list[str]], Iterator[Row]]:
+def evaluated(series: Series, outcomes: dict[str, tuple[str, Outcome]]) -> tuple[list[list[str]], Iterator[Row]]:
     """Returns the table rows of a series, and the limits if the ground truth is known."""
     there = series.there if series.there is not None else agreed(outcomes, len(series.files))
     total = sum(map(len, there))
@@ -193,7 +193,7 @@ def detectors(j: Judge) -> Iterator[Row | Comparison]:
         for title, detector in others:
             if detect := detector.make(series.family):
                 outcomes[title] = (detector.origin, by_other(detect, series))
-        lines, rows = judged(series, outcomes)
+        lines, rows = evaluated(series, outcomes)
         table.lines += lines
         yield from rows
     if untimed:

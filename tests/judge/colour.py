@@ -1,4 +1,4 @@
-"""Colour measures of the judge: sRGB, luminance, CIELAB and the colour difference CIEDE2000.
+"""Colour measures: sRGB, luminance, CIELAB and the colour difference CIEDE2000.
 
 Pictures are arrays whose last axis is R, G, B; sRGB values and linear values lie in [0, 1].
 """

@@ -48,7 +48,7 @@ def run_with(modules: list[str], requirements: Path) -> None:
 
 
 def install_optional(requirements: Path) -> None:
-    """Tries to install each requirement by itself, wheels only, into the environment under target/.
+    """Tries to install each requirement separately, wheels only, into the environment under target/.
 
     Leaves every other Python as it is. What could not be had is for the caller to notice.
     """

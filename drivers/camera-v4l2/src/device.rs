@@ -68,7 +68,7 @@ pub(crate) enum ControlKind {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct ControlDescription {
     pub id: u32,
-    /// As the driver spells it: `Exposure Time, Absolute`.
+    /// The driver's name: `Exposure Time, Absolute`.
     pub title: String,
     pub kind: ControlKind,
     pub min: i64,

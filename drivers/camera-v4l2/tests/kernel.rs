@@ -107,7 +107,7 @@ fn failure(camera: &mut dyn Camera) -> DeviceError {
     panic!("no failure in {TIME_LIMIT:?}");
 }
 
-/// Sets a control as another program would, through a file descriptor of its own.
+/// Sets a control as another program would, through a separate file descriptor.
 fn set_externally(info: &CameraInfo, id: u32, value: i64) {
     let value = Value::Integer(value);
     let device = v4l::Device::with_path(&info.node).unwrap();

@@ -106,7 +106,7 @@ impl Format {
             Self::Flock(format) => flock::commands::start_sequence(settings, format),
             Self::Freed(_) => freed::commands::start_sequence(settings),
             Self::Csv(_) => csv::start_sequence(),
-            // The connection has a handshake of its own, see vrpn::Client.
+            // The connection has its own handshake, see vrpn::Client.
             Self::Vrpn(_) => Vec::new(),
         }
     }

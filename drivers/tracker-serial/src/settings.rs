@@ -11,7 +11,7 @@ pub struct TrackerSettings {
     pub protocol: String,
     /// Where the tracker is connected.
     pub port: PortName,
-    /// Baud rate; `None` for the protocol's default, see [`usual_baud`].
+    /// Baud rate; `None` for the protocol's default, see [`default_baud`].
     pub baud: Option<u32>,
     /// Receivers to switch on, numbered from 1. The others are switched off where the device
     /// can do that.
@@ -44,7 +44,7 @@ impl TrackerSettings {
     /// The baud rate to use.
     #[must_use]
     pub fn baud(&self) -> u32 {
-        self.baud.unwrap_or_else(|| usual_baud(&self.protocol))
+        self.baud.unwrap_or_else(|| default_baud(&self.protocol))
     }
 }
 
@@ -53,7 +53,7 @@ impl TrackerSettings {
 /// A FASTRAK needs 115200 to send text at its full 120 records a second (54 bytes of ten bits
 /// each); FreeD's manual specifies 38400.
 #[must_use]
-pub fn usual_baud(protocol: &str) -> u32 {
+pub fn default_baud(protocol: &str) -> u32 {
     if protocol.starts_with("freed") {
         38_400
     } else {

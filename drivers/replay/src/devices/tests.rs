@@ -5,7 +5,7 @@ use bytes::Bytes;
 use penumbra_interface::{Clock, ManualClock, MonotonicTime, PixelFormat};
 
 thread_local! {
-    /// Each test runs on a thread of its own.
+    /// Each test runs on its own thread.
     static CLOCK: ManualClock = ManualClock::new(MonotonicTime::from_nanos(5_000_000_000));
 }
 

@@ -57,7 +57,7 @@ fn configure(
         // Setting a baud rate there fails; 0 leaves it out.
         line.baud = 0;
     }
-    // Boards with USB of their own send only while DTR is up. Windows leaves it down.
+    // Boards with built-in USB send only while DTR is up. Windows leaves it down.
     let builder = serialport::new(path.to_string_lossy(), line.baud).dtr_on_open(true);
     let port = line.apply(builder).open_native()?;
     native::prepare(&port)?;

@@ -62,7 +62,7 @@ impl Bus {
         let (device, host) = UnixStream::pair().map_err(attach)?;
         let faults = self.sockets[camera].faults.clone();
         let started = Camera::start(CAMERAS[camera], device, faults).map_err(attach)?;
-        // The kernel holds a reference of its own to `host`.
+        // The kernel holds a separate reference to `host`.
         let line = format!("{camera} {} {} {HIGH_SPEED}", host.as_raw_fd(), camera + 1);
         let asked = Instant::now();
         while let Err(source) = std::fs::write(ATTACH, &line) {

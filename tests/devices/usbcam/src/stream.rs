@@ -13,7 +13,7 @@ pub const PAYLOAD: usize = 16_384;
 const HEADER: usize = 2;
 const PROBE: usize = 26;
 
-/// How a frame spells its picture.
+/// Encoding of a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Format {
     /// 4:2:2, Y0 U Y1 V.
@@ -34,7 +34,7 @@ pub const INTERVALS: [u32; 2] = [333_333, 666_666];
 /// Format, size and rate of the stream.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Mode {
-    /// How a frame spells its picture.
+    /// Encoding of a frame.
     pub format: Format,
     /// Pixels in a row.
     pub width: u16,
