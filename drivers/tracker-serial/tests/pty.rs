@@ -290,7 +290,7 @@ fn arrival_is_on_the_monotonic_clock() {
 }
 
 #[test]
-fn ports_that_cannot_be_opened_are_named() {
+fn errors_name_ports_that_cannot_be_opened() {
     let open_at = |path: &str| {
         let settings = TrackerSettings::new("fastrak", PortName::Serial(path.to_owned()));
         open(&settings).err().unwrap()

@@ -71,7 +71,7 @@ fn frames_are_repeated_at_their_intervals_with_continuing_numbers() {
 }
 
 #[test]
-fn a_frame_is_not_early_and_the_timeout_is_kept() {
+fn frames_are_not_early_and_the_timeout_is_obeyed() {
     let timeline = timeline();
     let mut camera = camera(&timeline);
     camera.next_frame(LONG).unwrap().unwrap();

@@ -155,7 +155,7 @@ fn status_record_between_readings_loses_no_reading() {
 
 proptest! {
     #[test]
-    fn the_result_does_not_depend_on_how_reads_are_split(cuts in prop::collection::vec(0usize..47 * 12, 0..20), text in any::<bool>()) {
+    fn result_does_not_depend_on_split_reads(cuts in prop::collection::vec(0usize..47 * 12, 0..20), text in any::<bool>()) {
         let (format, stream) = if text {
             (Format::default(), ascii(12))
         } else {

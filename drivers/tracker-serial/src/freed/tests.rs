@@ -118,7 +118,7 @@ proptest! {
     }
 
     #[test]
-    fn straight_up_and_down_survive_too(pan in -179.0..179.0, up in any::<bool>()) {
+    fn straight_up_and_down_survive_encoding(pan in -179.0..179.0, up in any::<bool>()) {
         let tilt = if up { 90.0 } else { -90.0 };
         let pose = message([pan, tilt, 0.0], [0.0; 3]).pose(Axes::default());
         let again = Message::from_pose(1, pose, Axes::default(), Lens::default());
