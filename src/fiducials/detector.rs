@@ -162,8 +162,8 @@ impl Detector {
 }
 
 /// Reads the tag of a known family and number at `corners` (pixels), which were predicted from other
-/// tags; `None` if it is not found. `codes` are a grey picture of the given width and height, encoded
-/// with `response`.
+/// tags; `None` if it is not found. `codes` are a grey picture of the given width and height,
+/// encoded with `response`.
 #[must_use]
 pub fn read_predicted(
     (codes, (width, height)): (&[u8], (usize, usize)),

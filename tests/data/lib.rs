@@ -17,7 +17,8 @@ pub fn fixture(path: &str) -> PathBuf {
 }
 
 /// A file or folder of the data beside the repository, such as `truth/desk`. If it is missing,
-/// prints `SKIPPED` with the name of the running test and returns `None`; the test must then return.
+/// prints `SKIPPED` with the name of the running test and returns `None`; the test must then
+/// return.
 #[must_use]
 pub fn shared(path: &str) -> Option<PathBuf> {
     let found = repository("../shared").join(path);

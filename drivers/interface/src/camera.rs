@@ -12,7 +12,7 @@ pub trait Camera: Send {
     /// newest is returned and the others are counted as superseded.
     ///
     /// # Errors
-    /// The device fails; [`DeviceError::recovery`] tells whether to continue, to reopen or to give up.
+    /// The device fails; [`DeviceError::recovery`] tells whether to read on, reopen or stop.
     fn next_frame(&mut self, timeout: Duration) -> Result<Option<Frame>, DeviceError>;
 
     /// Reports the state and the counters of the camera.

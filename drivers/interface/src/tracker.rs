@@ -13,7 +13,7 @@ pub trait Tracker: Send {
     /// Waits up to `timeout` for bytes; `None` if none came.
     ///
     /// # Errors
-    /// The device fails; [`DeviceError::recovery`] tells whether to continue, to reopen or to give up.
+    /// The device fails; [`DeviceError::recovery`] tells whether to read on, reopen or stop.
     fn next_bytes(&mut self, timeout: Duration) -> Result<Option<TrackerBytes>, DeviceError>;
 
     /// Reports the state of the tracker.

@@ -24,8 +24,8 @@ pub struct Pty {
 }
 
 impl Pty {
-    /// Creates a pseudo-terminal in raw mode. In the default mode, bytes that the device sends before
-    /// a driver has opened its end would be echoed to the device.
+    /// Creates a pseudo-terminal in raw mode. In the default mode, bytes that the device sends
+    /// before a driver has opened its end would be echoed to the device.
     ///
     /// # Errors
     /// The operating system cannot create or configure it.

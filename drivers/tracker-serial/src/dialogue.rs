@@ -168,8 +168,8 @@ impl Dialogue {
         }
     }
 
-    /// Proceeds to the next step. Bytes received before a question are not its answer; bytes received
-    /// without a question are kept for recognising another device.
+    /// Proceeds to the next step. Bytes received before a question are not its answer; bytes
+    /// received without a question are kept for recognising another device.
     fn advance(&mut self) {
         self.steps.pop_front();
         self.step_began = None;

@@ -217,7 +217,8 @@ fn served_by(plane: &ShadowingPlane, fragments: &[Fragment]) -> Vec<(u32, f32)> 
 }
 
 /// Selects greedily at most `count` candidates in addition to those that are `kept`, until the gain
-/// falls below `min_share` times that of the best candidate. Returns them in the order of selection.
+/// falls below `min_share` times that of the best candidate. Returns them in the order of
+/// selection.
 pub(super) fn choose(
     candidates: Vec<Candidate>,
     kept: &[Candidate],

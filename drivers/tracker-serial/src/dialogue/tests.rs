@@ -9,7 +9,7 @@ fn settings(protocol: &str) -> TrackerSettings {
     TrackerSettings::new(protocol, PortName::Serial("/dev/none".to_owned()))
 }
 
-/// Runs the dialogue with a device in simulated time; returns the bytes written and the last action.
+/// Runs the dialogue with a device in simulated time; returns written bytes and last action.
 fn converse(settings: &TrackerSettings, mut device: Option<SimulatedTracker>) -> (Vec<u8>, Action) {
     let mut dialogue = Dialogue::new(settings).unwrap();
     let (mut written, mut now) = (Vec::new(), MonotonicTime::from_nanos(0));

@@ -15,8 +15,8 @@ pub struct FreedSender {
 }
 
 impl FreedSender {
-    /// Creates a sender to `receiver`, as camera number `camera`. A receiver that does not exist yet
-    /// is not an error.
+    /// Creates a sender to `receiver`, as camera number `camera`. A receiver that does not exist
+    /// yet is not an error.
     ///
     /// # Errors
     /// The operating system provides no socket or no route to the receiver.

@@ -51,8 +51,8 @@ impl LineSettings {
 
     /// Whether a port with the settings `actual` can communicate with a device that uses these.
     ///
-    /// A driver divides a clock, so the baud rate may deviate by 2.5 %: the receiver samples the last
-    /// bit of ten in its middle, and each side may use half of that half bit.
+    /// A driver divides a clock, so the baud rate may deviate by 2.5 %: the receiver samples the
+    /// last bit of ten in its middle, and each side may use half of that half bit.
     pub(super) fn are_met_by(self, actual: Self) -> bool {
         let close = self.baud.abs_diff(actual.baud) <= self.baud / 40;
         close

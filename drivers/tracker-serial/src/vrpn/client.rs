@@ -69,8 +69,8 @@ impl Client {
         }
     }
 
-    /// The first message to the server: the cookie, then the names of the tracker and of the message
-    /// type.
+    /// The first message to the server: the cookie, then the names of the tracker and of the
+    /// message type.
     #[must_use]
     pub fn greeting(&self) -> Vec<u8> {
         let mut bytes = MAGIC.to_vec();

@@ -95,8 +95,8 @@ impl Camera {
         !self.link.is_closed()
     }
 
-    /// Whether the kernel has configured the camera. It has then released the previous camera at the
-    /// same port.
+    /// Whether the kernel has configured the camera. It has then released the previous camera at
+    /// the same port.
     pub fn is_configured(&self) -> bool {
         self.configured.load(Ordering::Relaxed)
     }

@@ -165,8 +165,8 @@ impl Controls {
         }
     }
 
-    /// The value that an automatic mode chooses. It varies continuously, by half a stop or 900 K, so
-    /// that a camera whose controls are not locked shows it within a second.
+    /// The value that an automatic mode chooses. It varies continuously, by half a stop or 900 K,
+    /// so that a camera whose controls are not locked shows it within a second.
     fn automatic(&self, key: Key) -> Option<i32> {
         let swing = (f64::from(self.frames) / 5.0).sin();
         match key {
