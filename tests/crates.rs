@@ -76,7 +76,14 @@ const ALLOWED: &[(&str, &[&str])] = &[
     // Pictures, settings, devices in use, outputs.
     (
         "compositor",
-        &["interface", "picture", "camera", "lighting", "scene"],
+        &[
+            "interface",
+            "numerics",
+            "picture",
+            "camera",
+            "lighting",
+            "scene",
+        ],
     ),
     (
         "config",

@@ -251,7 +251,7 @@ fn faulty_scene_camera_is_reported_and_reopened() {
     });
     let reported = rig.status.snapshot().session.description;
     assert!(
-        reported.contains("no picture comes: scene: not connected"),
+        reported.contains("no picture arrives: scene: not connected"),
         "{reported}"
     );
     scene.plug_in();

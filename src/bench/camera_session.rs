@@ -12,7 +12,7 @@ pub(super) const RATE: u32 = 30;
 const QUALITY: i32 = 85;
 /// Arrival of a picture after the middle of its exposure, nanoseconds.
 const AGE: i64 = 20_000_000;
-/// The environment camera's pictures come between the scene camera's.
+/// Delay of the environment camera's pictures after the scene camera's, nanoseconds.
 const OFFSET: i64 = 11_000_000;
 
 /// A session that is removed when dropped.
@@ -60,7 +60,7 @@ impl CameraSession {
 
 impl Drop for CameraSession {
     fn drop(&mut self) {
-        // What cannot be removed lies among other temporary files.
+        // The file is in the folder for temporary files, so a failure to remove it does no harm.
         let _ = std::fs::remove_file(&self.path);
     }
 }
@@ -81,7 +81,7 @@ fn frame(size: (u32, u32), number: u32, arrived_at: i64) -> Result<Frame, BenchE
     })
 }
 
-/// Moving shades with a little noise, compressed like a webcam's: chroma halved along the rows.
+/// A moving gradient with slight noise, compressed as by a webcam: chroma is subsampled 4:2:2.
 fn jpeg((width, height): (u32, u32), number: u32) -> Result<Vec<u8>, BenchError> {
     let mut noise = 12_345_u32.wrapping_add(number);
     let moved = number as f32 * 0.2;

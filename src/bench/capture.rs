@@ -1,9 +1,9 @@
 //! Cost of capture: two cameras of 1280×720 at 30 Hz and a tracker, through the threads of the live
 //! rig up to the picture that is ready for the compositor.
 //!
-//! The cameras replay a recording: instead of waiting for the kernel and copying, their threads sleep
-//! and read a file from memory. The tracker is simulated behind a pseudo-terminal, which its driver
-//! uses like a serial port.
+//! The cameras replay a recording: instead of waiting for the kernel and copying, their threads
+//! sleep and read a file from memory. The tracker is simulated behind a pseudo-terminal, which its
+//! driver uses like a serial port.
 
 use super::camera_session::{CameraSession, RATE};
 use super::percentiles::Percentiles;
@@ -88,18 +88,18 @@ impl Rig {
 
     fn measure(self, time: Duration) -> CaptureRow {
         self.take(WARM_UP, |_| ());
-        let (before, earlier) = (thread_time::of_this_process(), self.tallies());
+        let (before, earlier) = (thread_time::current(), self.tallies());
         let mut tally = Tally::default();
         let begun = Instant::now();
         self.take(time, |prepared| tally.add(prepared));
         let seconds = begun.elapsed().as_secs_f64();
-        let spent = thread_time::between(&before, &thread_time::of_this_process());
+        let spent = thread_time::between(&before, &thread_time::current());
         let cameras = since(&earlier, self.tallies());
         self.stop.store(true, Ordering::Relaxed);
         tally.row(seconds, cameras, &spent)
     }
 
-    /// Takes what is prepared, as a compositor does that needs no time.
+    /// Takes prepared frames for `time`, like a compositor that needs no time.
     fn take(&self, time: Duration, mut each: impl FnMut(&PreparedFrame)) {
         let begun = Instant::now();
         while begun.elapsed() < time {
@@ -167,8 +167,8 @@ impl Tally {
             prepared: self.decoding.len() as u64,
             prepared_with_pose: self.posed,
             skipped: self.skipped,
-            decode_ms: Percentiles::of(&self.decoding),
-            light_ms: Percentiles::of(&self.lighting),
+            decode_ms: Percentiles::from_values(&self.decoding),
+            light_ms: Percentiles::from_values(&self.lighting),
             threads,
             ..CaptureRow::default()
         }

@@ -1,13 +1,13 @@
 //! The rows of Kakuta 2007 (40 lights × 38 planes, 58,500 triangles) and 2004 (40 × 8, black
-//! images dropped): 640×480, a temple gate on its site, a visitor who walks about; constant light,
-//! and light that changes everywhere in every frame. More rows have other numbers of triangles: the
-//! cost of planes does not depend on them. Software drivers render one sample a pixel
+//! images dropped): 640×480, a temple gate on its site, a moving visitor; constant light, and light
+//! that changes everywhere in every frame. Further rows have other numbers of triangles, on which
+//! the cost of planes does not depend. Software drivers render one sample per pixel
 //! (`[picture] antialias = "off"`).
 
 use super::BenchOptions;
 use super::percentiles::Percentiles;
 use super::report::{BenchReport, Row};
-use super::stage::{Passes, WARM_UP, camera, looking, picture};
+use super::stage::{Passes, WARM_UP, camera, look_at, picture};
 use glam::{DMat4, DVec3, Vec3};
 use penumbra_camera::Response;
 use penumbra_compositor::planes::{PlanesChoice, SourceBaker, bake};
@@ -23,7 +23,7 @@ use std::ops::ControlFlow;
 use std::sync::Arc;
 use std::time::Instant;
 
-/// Segments that give the gate the paper's 58,500 triangles; fewer, and more.
+/// Numbers of segments: for the paper's 58,500 triangles, for fewer, and for more.
 const SEGMENTS: [u32; 3] = [64, 16, 128];
 /// Pixels along a side of the environment's picture.
 const FISHEYE: u32 = 480;
@@ -113,8 +113,8 @@ fn measure(gpu: &Gpu, case: &Case, options: &BenchOptions) -> Result<Row, GpuErr
         lamps: 0,
         environment: None,
         fps: 1e3 / mean,
-        wall_ms: Percentiles::of(&wall),
-        gpu_ms: Percentiles::of(&gpu_total),
+        wall_ms: Percentiles::from_values(&wall),
+        gpu_ms: Percentiles::from_values(&gpu_total),
         processor_ms: None,
         stages: Vec::new(),
         passes: passes.medians(),
@@ -152,11 +152,11 @@ fn scene(segments: u32) -> Scene {
     }
 }
 
-/// A visitor twelve metres away who walks round the gate.
+/// Pose of a visitor who walks round the gate at a distance of twelve metres.
 fn pose(frame: u32) -> RigidTransform {
     let angle = -1.3 + 0.005 * f64::from(frame);
     let eye = DVec3::new(12.0 * angle.cos(), 12.0 * angle.sin(), 1.7);
-    looking(eye, DVec3::new(0.0, 0.0, 2.2))
+    look_at(eye, DVec3::new(0.0, 0.0, 2.2))
 }
 
 /// A fisheye picture of a cloudy sky with a sun.

@@ -1,12 +1,12 @@
 //! The case of DiVerdi and Höllerer 2004 (30 frames/s on hardware of 2004): 640×480, a mirrored
-//! sphere in the scene camera's picture from which the environment is measured and filtered again for
-//! each picture, for GGX's lobes and Phong's; moving virtual spots, each with its shadow; and an
-//! automatic exposure that darkens the picture. Light in the room changes with every picture.
+//! sphere in the scene camera's picture, from which the environment is measured and filtered for
+//! each picture, for GGX and Phong lobes; moving virtual spots, each with its shadow; and an
+//! automatic exposure that darkens the picture. The light in the room changes with every picture.
 //!
-//! Lighting and picture are computed one after the other, unlike in a rig, so that all of the work is
-//! measured. Rows differ in the number of lamps; two more have an environment camera instead of the
-//! sphere, and eight dome lights, whose shadows the paper does not have. In the last row the lighting
-//! is computed while the previous picture is rendered.
+//! Lighting and picture are computed one after the other, unlike in a rig, so that all of the work
+//! is measured. Rows differ in the number of lamps; two more have an environment camera instead of
+//! the sphere, and eight dome lights, whose shadows the paper does not have. In the last row the
+//! lighting is computed while the previous picture is rendered.
 
 use super::percentiles::Percentiles;
 use super::report::{BenchReport, PassTime, Row};
@@ -106,9 +106,9 @@ fn measure(gpu: &Gpu, case: Case, options: &BenchOptions) -> Result<Row, BenchEr
         stages.add(&each);
     }
     row.fps = 1e3 * wall.len() as f64 / wall.iter().sum::<f64>().max(1e-9);
-    row.wall_ms = Percentiles::of(&wall);
-    row.gpu_ms = Percentiles::of(&gpu_total);
-    row.processor_ms = Some(Percentiles::of(&processor).p50).filter(|ms| *ms > 0.0);
+    row.wall_ms = Percentiles::from_values(&wall);
+    row.gpu_ms = Percentiles::from_values(&gpu_total);
+    row.processor_ms = Some(Percentiles::from_values(&processor).p50).filter(|ms| *ms > 0.0);
     (row.stages, row.passes) = (stages.medians(), passes.medians());
     Ok(row)
 }
@@ -157,7 +157,7 @@ impl Rig {
         })
     }
 
-    /// A row without times.
+    /// Returns a row without times.
     fn row(&self, case: Case, (width, height): (u32, u32)) -> Row {
         Row {
             case: "lightprobe".to_owned(),
@@ -214,7 +214,7 @@ impl Rig {
 
 /// Processor time of all threads of this process; 0 if the system does not report it.
 fn processor_nanos() -> u64 {
-    thread_time::of_this_process().values().sum()
+    thread_time::current().values().sum()
 }
 
 fn time(i: u32) -> MonotonicTime {
@@ -225,8 +225,8 @@ fn time(i: u32) -> MonotonicTime {
 mod tests {
     use super::*;
 
-    /// In the measured case the sphere is read, the light changes, the lamp brightens the picture and
-    /// the exposure darkens it again.
+    /// The case measures the environment at the sphere, the light changes, the lamp brightens the
+    /// picture and the exposure darkens it.
     #[test]
     fn light_probe_case_measures_the_light_and_lowers_the_exposure() {
         let gpu = Gpu::open(None).unwrap();
@@ -240,7 +240,8 @@ mod tests {
         for i in 0..4 {
             rig.room.show(i);
             let light = rig.light(i).unwrap();
-            // The lobes of the first picture are complete: their update is not spread over pictures.
+            // The lobes of the first picture are complete: their update is not spread over
+            // pictures.
             let (ggx, phong) = (&light.radiance.levels, &light.radiance.phong);
             assert_eq!((ggx.len(), phong.len()), (5, 4));
             assert!(ggx.iter().chain(phong).flatten().all(|t| t[1] > 0.01));

@@ -20,15 +20,15 @@ use std::time::{Duration, Instant};
 
 /// The default recording.
 pub(super) const SESSION: &str = "tests/fixtures/sessions/desk.mcap";
-/// The quickest first; the last two differ from the defaults only in the number of lights.
+/// Settings, fastest first; the last two differ from the defaults only in the number of lights.
 const SETTINGS: [Setting; 4] = [
     Setting::new(8, false, Antialias::Off),
     Setting::new(8, false, Antialias::Msaa4),
     Setting::new(8, true, Antialias::Msaa4),
     Setting::new(64, true, Antialias::Msaa4),
 ];
-/// Pictures composed before anything is measured: drivers compile, caches fill, and the
-/// light finds its first match between the cameras. Not more than are measured.
+/// Number of warm-up pictures, or that of the measured ones if it is smaller: drivers compile
+/// shaders, caches fill, and the white balance between the cameras is estimated.
 const WARM_UP: u64 = 60;
 /// Pictures composed for a row without `--frames`: half a minute at a typical frame rate.
 const FRAMES: u32 = 900;
@@ -69,7 +69,7 @@ pub struct LiveRow {
     pub lights: u32,
     /// Maximum time that a picture waits for the tracker's next reading, milliseconds.
     pub max_wait_ms: f64,
-    /// Samples a pixel of virtual objects' outlines.
+    /// Samples per pixel at the outlines of virtual objects.
     pub samples: u32,
     /// Duration of the measurement.
     pub seconds: f64,
@@ -77,15 +77,15 @@ pub struct LiveRow {
     pub composed: u64,
     /// Pictures skipped for newer ones.
     pub skipped: u64,
-    /// Pictures composed a second.
+    /// Pictures composed per second.
     pub frames_per_second: f64,
     /// Milliseconds from the arrival of a picture to the composed one.
     pub arrival_to_picture_ms: Percentiles,
-    /// Of these from bytes to pixels.
+    /// Of these, milliseconds of decoding.
     pub decode_ms: Percentiles,
-    /// Of these from pixels and light to the composed picture.
+    /// Of these, milliseconds of compositing.
     pub total_ms: Percentiles,
-    /// Milliseconds for the lighting, in parallel.
+    /// Milliseconds of the lighting, which runs in parallel.
     pub light_ms: Percentiles,
     /// Age of the environment's picture in the last composed one, milliseconds.
     pub light_age_ms: Option<f64>,
@@ -149,28 +149,28 @@ fn measure(gpu: &Gpu, config: &Config, frames: u32) -> Result<LiveRow, BenchErro
 /// then stops the rig.
 fn watch(status: &SharedStatus, shutdown: &AtomicBool, frames: u64) -> (Snapshot, Snapshot, f64) {
     let warm_up = WARM_UP.min(frames);
-    let before = composed(status, warm_up, warm_up);
+    let before = wait_for_pictures(status, warm_up, warm_up);
     let begun = Instant::now();
-    let after = composed(status, before.frames.composed + frames, frames);
+    let after = wait_for_pictures(status, before.frames.composed + frames, frames);
     let seconds = begun.elapsed().as_secs_f64();
     shutdown.store(true, Ordering::Relaxed);
     (before, after, seconds)
 }
 
 /// Waits for a total number of pictures, or for the timeout of `pictures`, and returns the status.
-fn composed(status: &SharedStatus, in_all: u64, pictures: u64) -> Snapshot {
+fn wait_for_pictures(status: &SharedStatus, total: u64, pictures: u64) -> Snapshot {
     let begun = Instant::now();
     let timeout = TIMEOUT_PER_PICTURE.saturating_mul(u32::try_from(pictures).unwrap_or(u32::MAX));
     loop {
         let snapshot = status.snapshot();
-        if snapshot.frames.composed >= in_all || begun.elapsed() > timeout {
+        if snapshot.frames.composed >= total || begun.elapsed() > timeout {
             return snapshot;
         }
         std::thread::sleep(POLL_INTERVAL);
     }
 }
 
-/// None without a picture.
+/// Returns the row; `None` if no picture was composed.
 fn row(config: &Config, before: &Snapshot, after: &Snapshot, seconds: f64) -> Option<LiveRow> {
     let between = |stage: &str| {
         let of = |s: &Snapshot| s.stages.get(stage, StageKind::Cpu).cloned();

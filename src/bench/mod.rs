@@ -26,13 +26,13 @@ use thiserror::Error;
 /// Options of the benchmark.
 #[derive(Clone, Debug, Default)]
 pub struct BenchOptions {
-    /// Case name; all without it.
+    /// Name of the case to run; `None` for all.
     pub case: Option<String>,
-    /// Frames per row; the case's number without it.
+    /// Frames per row; `None` for the case's default.
     pub frames: Option<u32>,
-    /// Picture size instead of the case's.
+    /// Picture size, pixels; `None` for the case's default.
     pub size: Option<(u32, u32)>,
-    /// Recording whose devices the live case plays; the bundled one without it.
+    /// Recording that the devices of the live case replay; `None` for the bundled one.
     pub session: Option<PathBuf>,
 }
 
@@ -49,43 +49,43 @@ pub const CASES: [&str; 6] = [
 /// An error of the benchmark; the text is the user's message.
 #[derive(Debug, Error)]
 pub enum BenchError {
-    /// The graphics device.
+    /// The graphics device failed.
     #[error(transparent)]
     Gpu(#[from] GpuError),
-    /// The light.
+    /// The lighting cannot be estimated.
     #[error(transparent)]
     Environment(#[from] EnvironmentError),
-    /// The rig that is measured.
+    /// The measured rig failed.
     #[error(transparent)]
     Rig(#[from] RigError),
-    /// The recording that its cameras replay.
+    /// The recording that the cameras replay cannot be written or read.
     #[error(transparent)]
     Session(#[from] SessionError),
-    /// Its pictures.
+    /// A picture of the recording cannot be compressed.
     #[error("a picture cannot be compressed: {0}; choose another --size")]
     Picture(#[from] turbojpeg::Error),
-    /// Its tracker.
-    #[error("no simulated tracker: {source}; end other programs")]
+    /// The simulated tracker cannot start.
+    #[error("cannot start the simulated tracker: {source}; end other programs")]
     Tracker {
         /// The system's message.
         source: io::Error,
     },
-    /// The thread that reads the rig's status.
-    #[error("no thread can be started: {source}; end other programs")]
+    /// A thread cannot start.
+    #[error("cannot start a thread: {source}; end other programs")]
     Thread {
         /// The system's message.
         source: io::Error,
     },
-    /// Its devices delivered no picture.
+    /// The rig composited no picture.
     #[error("the live rig composited no picture; choose a recording with pictures with --session")]
     Silent,
-    /// Its tracker's protocol.
+    /// The simulated tracker's protocol is unknown.
     #[error(transparent)]
     Protocol(#[from] penumbra_synthetic::UnknownProtocol),
 }
 
 impl BenchOptions {
-    /// Whether one of the chosen cases renders.
+    /// Returns whether any of the chosen cases renders.
     #[must_use]
     pub fn needs_gpu(&self) -> bool {
         CASES
@@ -97,7 +97,7 @@ impl BenchOptions {
         self.session.as_deref().unwrap_or(Path::new(live::SESSION))
     }
 
-    /// Whether all cases were chosen but the session of the live case, which is bundled with the
+    /// Returns whether all cases were chosen but the live case's session, which is bundled with the
     /// repository, is missing.
     fn lacks_session(&self) -> bool {
         self.case.is_none() && self.session.is_none() && !self.session().exists()
@@ -112,7 +112,7 @@ impl BenchOptions {
 /// is rendered.
 ///
 /// # Errors
-/// The device was lost; the system refuses a file or a thread.
+/// The graphics device was lost, or the system cannot provide a file or a thread.
 pub fn run(
     gpu: Option<&Gpu>,
     options: &BenchOptions,

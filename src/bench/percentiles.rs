@@ -12,9 +12,9 @@ pub struct Percentiles {
 }
 
 impl Percentiles {
-    /// Of unordered values; zero of none.
+    /// Computes the percentiles of unordered values; zero without values.
     #[must_use]
-    pub fn of(values: &[f64]) -> Self {
+    pub fn from_values(values: &[f64]) -> Self {
         let mut sorted = values.to_vec();
         sorted.sort_by(f64::total_cmp);
         let at = |q: f64| {

@@ -9,13 +9,13 @@ use std::fmt;
 /// Everything measured in one run.
 #[derive(Clone, Debug, Serialize)]
 pub struct BenchReport {
-    /// Version of this layout.
+    /// Version of this format.
     pub version: u32,
     /// Adapter name; `None` if nothing was rendered.
     pub adapter: Option<String>,
     /// True for a software driver.
     pub software: bool,
-    /// One per configuration.
+    /// Rows of the rendering cases, one per configuration.
     pub rows: Vec<Row>,
     /// Cost of capture.
     pub capture: Vec<CaptureRow>,
@@ -23,7 +23,7 @@ pub struct BenchReport {
     pub live: Vec<LiveRow>,
 }
 
-/// One configuration.
+/// One configuration of a rendering case.
 #[derive(Clone, Debug, Serialize)]
 pub struct Row {
     /// Case name.
@@ -46,20 +46,20 @@ pub struct Row {
     pub triangles: usize,
     /// Virtual lamps.
     pub lamps: u32,
-    /// Where the light of each picture was measured; `None` if it was given.
+    /// Source of the light of each picture; `None` if the light is synthetic.
     pub environment: Option<&'static str>,
     /// Frames per second: the reciprocal of the mean wall time.
     pub fps: f64,
-    /// Milliseconds to the finished picture: from its upload, or from the pixels that its light
-    /// is read from.
+    /// Milliseconds from the upload of the picture, or from the start of its light estimate, to the
+    /// finished picture.
     pub wall_ms: Percentiles,
     /// Milliseconds of all passes on the device.
     pub gpu_ms: Percentiles,
-    /// Median milliseconds of processor time that all threads together spend on a picture, a
-    /// software driver's included; `None` if it was not measured. Other programs hardly affect it.
+    /// Median processor time per picture of all threads, including those of a software driver,
+    /// milliseconds; `None` if it was not measured. Other programs hardly affect it.
     pub processor_ms: Option<f64>,
-    /// Median milliseconds of the steps on the processor, where they were measured: those of the
-    /// light, all of the light, and composing.
+    /// Median milliseconds of the steps on the processor, if they were measured: the steps of the
+    /// light estimate, the entire estimate, and compositing.
     pub stages: Vec<PassTime>,
     /// Median milliseconds of each pass.
     pub passes: Vec<PassTime>,
@@ -74,9 +74,9 @@ pub struct CaptureRow {
     pub width: u32,
     /// Picture height of both cameras, pixels.
     pub height: u32,
-    /// Pictures a second that each camera makes.
+    /// Pictures per second of each camera.
     pub frames_per_second: f64,
-    /// Mean length of a picture, kilobytes.
+    /// Mean size of a picture, kilobytes.
     pub picture_kilobytes: f64,
     /// Duration of the measurement.
     pub seconds: f64,
@@ -88,9 +88,9 @@ pub struct CaptureRow {
     pub prepared_with_pose: u64,
     /// Pictures skipped for newer ones.
     pub skipped: u64,
-    /// Milliseconds from a JPEG to pixels.
+    /// Milliseconds of decoding a JPEG picture.
     pub decode_ms: Percentiles,
-    /// Milliseconds for the lighting.
+    /// Milliseconds of the lighting.
     pub light_ms: Percentiles,
     /// Processor time by thread, highest first; empty if the system does not report it.
     pub threads: Vec<ThreadCost>,
@@ -121,7 +121,7 @@ pub struct ThreadCost {
 /// A pass and its median time.
 #[derive(Clone, Debug, Serialize)]
 pub struct PassTime {
-    /// Name of the pass, as of its shader.
+    /// Name of the pass, which is that of its shader.
     pub name: &'static str,
     /// Milliseconds.
     pub ms: f64,

@@ -18,7 +18,7 @@ mod at_pty {
     /// Name of its thread, so that its cost is not counted as the rig's.
     const THREAD: &str = "simulated";
 
-    /// A FASTRAK that turns around a point and answers commands. Dropping it ends it.
+    /// A FASTRAK that orbits a point and answers commands. Dropping it ends the simulation.
     pub struct PlayedTracker {
         device: String,
         stop: Arc<AtomicBool>,
@@ -34,7 +34,7 @@ mod at_pty {
             let stop = Arc::<AtomicBool>::default();
             let stopped = Arc::clone(&stop);
             let job = move || {
-                // The rig's status would say that the tracker is gone.
+                // An error needs no report here: the rig's status reports the lost tracker.
                 let mut faults = Faults::default();
                 let _ = serve(&mut tracker, &mut pty, &mut faults, &SystemClock, &stopped);
             };

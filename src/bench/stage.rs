@@ -1,4 +1,4 @@
-//! Shared by the cases: a picture, a camera, times of passes.
+//! Helpers shared by the cases: a picture, a camera, times of passes.
 
 use super::percentiles::Percentiles;
 use super::report::PassTime;
@@ -29,13 +29,13 @@ impl Passes {
             .iter()
             .map(|(name, values)| PassTime {
                 name,
-                ms: Percentiles::of(values).p50,
+                ms: Percentiles::from_values(values).p50,
             })
             .collect()
     }
 }
 
-/// A picture with texture everywhere, so that it costs as much as a real one.
+/// Returns a picture that is textured everywhere, so that it costs as much as a real one.
 pub(super) fn picture(width: u32, height: u32) -> Picture {
     let rgba = (0..width * height)
         .flat_map(|i| {
@@ -63,7 +63,7 @@ pub(super) fn camera(width: u32, height: u32) -> PinholeCamera {
 }
 
 /// Returns the upright pose at `eye` that looks towards `at`.
-pub(super) fn looking(eye: DVec3, at: DVec3) -> RigidTransform {
+pub(super) fn look_at(eye: DVec3, at: DVec3) -> RigidTransform {
     let forward = (at - eye).normalize();
     let right = forward.cross(DVec3::Z).normalize();
     let down = forward.cross(right);

@@ -1,10 +1,10 @@
 //! The rows of Supan 2006, table 1: 800×600, an object of 58,500 triangles on a plane,
-//! 0 to 64 dome lights, one shadow map drawn again per frame, and all.
+//! 0 to 64 dome lights, with one or all shadow maps updated per frame.
 
 use super::BenchOptions;
 use super::percentiles::Percentiles;
 use super::report::{BenchReport, Row};
-use super::stage::{Passes, WARM_UP, camera, looking, picture};
+use super::stage::{Passes, WARM_UP, camera, look_at, picture};
 use glam::{DMat4, DVec3, Vec3, Vec4};
 use penumbra_camera::Response;
 use penumbra_compositor::{Compositor, CompositorSettings, FrameInput, Gpu, GpuError, Refresh};
@@ -83,8 +83,8 @@ fn measure(
         lamps: 0,
         environment: None,
         fps: 1e3 / mean,
-        wall_ms: Percentiles::of(&wall),
-        gpu_ms: Percentiles::of(&gpu_total),
+        wall_ms: Percentiles::from_values(&wall),
+        gpu_ms: Percentiles::from_values(&gpu_total),
         processor_ms: None,
         stages: Vec::new(),
         passes: passes.medians(),
@@ -156,9 +156,9 @@ fn lighting(count: u32) -> Lighting {
     }
 }
 
-/// A camera that walks slowly round the object, looking down at it.
+/// Pose of a camera that slowly orbits the object and looks down at it.
 fn pose(frame: u32) -> RigidTransform {
     let angle = -1.3 + 0.01 * f64::from(frame);
     let eye = DVec3::new(0.42 * angle.cos(), 0.42 * angle.sin(), 0.36);
-    looking(eye, DVec3::new(0.0, 0.0, 0.02))
+    look_at(eye, DVec3::new(0.0, 0.0, 0.02))
 }

@@ -8,7 +8,7 @@ pub type ThreadTimes = BTreeMap<String, u64>;
 /// Returns the processor time of all running threads; empty if the system does not report it.
 #[cfg(target_os = "linux")]
 #[must_use]
-pub fn of_this_process() -> ThreadTimes {
+pub fn current() -> ThreadTimes {
     let mut times = ThreadTimes::new();
     let tasks = std::fs::read_dir("/proc/self/task").into_iter().flatten();
     for task in tasks.flatten() {
@@ -26,7 +26,7 @@ pub fn of_this_process() -> ThreadTimes {
 /// Returns the processor time of all running threads; empty if the system does not report it.
 #[cfg(not(target_os = "linux"))]
 #[must_use]
-pub fn of_this_process() -> ThreadTimes {
+pub fn current() -> ThreadTimes {
     ThreadTimes::new()
 }
 
@@ -58,12 +58,12 @@ mod tests {
         let idle =
             penumbra_interface::threads::spawn("idle-thread", move || receiver.recv()).unwrap();
         let busy = penumbra_interface::threads::spawn("busy-thread", || {
-            let before = of_this_process();
+            let before = current();
             let begun = Instant::now();
             while begun.elapsed() < Duration::from_millis(60) {
                 std::hint::black_box(0);
             }
-            between(&before, &of_this_process())
+            between(&before, &current())
         });
         let spent = busy.unwrap().join().unwrap();
         drop(sender);

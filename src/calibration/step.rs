@@ -108,15 +108,15 @@ pub struct Finished {
 impl Finished {
     /// Returns the header of the calibration file that `step` writes.
     #[must_use]
-    pub fn header(&self, step: &str, made: &CalibrationProvenance) -> Header {
+    pub fn header(&self, step: &str, provenance: &CalibrationProvenance) -> Header {
         Header {
             penumbra_calibration: VERSION,
             step: step.to_owned(),
-            date: made.date.clone(),
-            source: made.source.clone(),
-            device: made.device.as_ref().map(|name| DeviceRecord {
+            date: provenance.date.clone(),
+            source: provenance.source.clone(),
+            device: provenance.device.as_ref().map(|name| DeviceRecord {
                 name: name.clone(),
-                serial: made.serial.clone(),
+                serial: provenance.serial.clone(),
             }),
             verdict: self.grade.name().to_owned(),
             findings: self.findings.iter().map(|f| f.1.clone()).collect(),
@@ -146,11 +146,11 @@ pub trait Step: Send {
     fn inputs(&self) -> StepInputs;
 
     /// Processes one input.
-    fn observe(&mut self, shown: &StepInput);
+    fn observe(&mut self, input: &StepInput);
 
     /// Returns its progress.
     fn progress(&self) -> Progress;
 
     /// Computes the result from all inputs so far.
-    fn finish(&mut self, made: &CalibrationProvenance) -> Finished;
+    fn finish(&mut self, provenance: &CalibrationProvenance) -> Finished;
 }

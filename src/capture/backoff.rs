@@ -1,11 +1,12 @@
-//! How long the supervisor waits before it opens a device again.
+//! The supervisor's waiting times before it opens a device again.
 
 use penumbra_interface::Recovery;
 use std::time::Duration;
 
-/// Wait after the first error; doubled with each error that follows.
+/// Wait after the first error; doubled after each consecutive error.
 const FIRST_WAIT: Duration = Duration::from_millis(100);
-/// A device that is plugged in again shall deliver within two seconds, opening included.
+/// Maximum wait. A device that is plugged in again must deliver within two seconds, including the
+/// time to open it.
 const MAX_WAIT: Duration = Duration::from_secs(1);
 /// Wait after an error that only the user can correct. Trying again spares the user a restart
 /// of the program; at this interval it costs the device and its neighbours little.

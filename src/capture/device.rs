@@ -1,4 +1,4 @@
-//! What the supervisor needs of a device, the same for cameras and trackers.
+//! The interface of a device for the supervisor, common to cameras and trackers.
 
 use penumbra_interface::{
     Camera, CameraReport, DeviceError, Frame, Tracker, TrackerBytes, TrackerReport,
@@ -7,7 +7,7 @@ use std::time::Duration;
 
 /// An open camera or tracker.
 pub trait Device {
-    /// What it delivers.
+    /// The type of a delivery.
     type Item;
 
     /// Waits up to `timeout` for the next item; `None` if there was none.

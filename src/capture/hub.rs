@@ -9,15 +9,15 @@ use std::collections::VecDeque;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-/// Scene camera pictures that may wait. With one more the oldest is superseded: the rig shall
-/// show the present.
+/// Maximum number of queued scene camera pictures. Beyond it the oldest is superseded, because the
+/// rig must show the present.
 const MAX_SCENE_PICTURES: usize = 4;
-/// Environment camera pictures that may wait, brackets included.
+/// Maximum number of queued environment camera pictures, including brackets.
 const MAX_ENVIRONMENT_PICTURES: usize = 24;
-/// Tracker readings that may wait: half a minute of the fastest tracker.
+/// Maximum number of queued tracker readings: half a minute of the fastest tracker.
 const MAX_TRACKER_READINGS: usize = 4096;
 
-/// Deliveries that did not fit into the queue.
+/// Numbers of deliveries dropped from the full queue.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct HubCounts {
     /// Scene camera pictures superseded by newer ones before they were paired.
@@ -31,7 +31,7 @@ pub struct HubCounts {
 /// An entry of the hub's queue.
 #[derive(Debug)]
 pub enum Delivery {
-    /// An event of a device, or [`SessionEvent::Tick`] where the deadline passed.
+    /// An event of a device, or [`SessionEvent::Tick`] if the deadline has passed.
     Event(SessionEvent),
     /// A scene camera picture was superseded by newer ones. Pairing still needs its arrival,
     /// because a replay of the recording will see the picture.
@@ -52,7 +52,7 @@ pub struct Hub {
 #[derive(Default)]
 struct State {
     queue: VecDeque<Delivery>,
-    /// Somebody takes from the queue.
+    /// Whether a consumer takes from the queue.
     has_consumer: bool,
     waiting: Waiting,
     recorder: Option<RecorderQueue>,
@@ -84,8 +84,8 @@ impl Waiting {
 }
 
 impl Hub {
-    /// Creates an empty hub. With `has_consumer` false nobody will [`take`](Self::take), and
-    /// deliveries go to the recorder and the tap alone.
+    /// Creates an empty hub. Without a consumer, which calls [`take`](Self::take), deliveries go
+    /// only to the recorder and the tap.
     #[must_use]
     pub fn new(clock: Arc<dyn Clock>, has_consumer: bool) -> Arc<Self> {
         let state = State {
@@ -122,8 +122,9 @@ impl Hub {
         }
     }
 
-    /// Takes the next delivery. While the queue is empty, waits until `deadline`, which gives a
-    /// [`SessionEvent::Tick`], but at most for `timeout`, after which it is [`Next::Idle`].
+    /// Takes the next delivery. Waits while the queue is empty; returns a [`SessionEvent::Tick`]
+    /// when
+    /// `deadline` has passed and [`Next::Idle`] after `timeout`.
     pub fn take(&self, deadline: Option<MonotonicTime>, timeout: Duration) -> Next<Delivery> {
         let mut state = self.lock();
         let latest = self.clock.now() + timeout;
@@ -157,16 +158,16 @@ impl Hub {
         self.lock().pop()
     }
 
-    /// Sends all later deliveries to this recorder too; `None` ends that.
+    /// Sends all later deliveries also to this recorder; `None` detaches the recorder.
     pub fn set_recorder(&self, recorder: Option<RecorderQueue>) {
         self.lock().recorder = recorder;
     }
 
-    /// Sends all later deliveries that the tap's filter accepts to this tap too; `None` ends
-    /// that.
+    /// Sends all later deliveries that the tap's filter accepts also to this tap; `None` detaches
+    /// the tap.
     pub fn set_tap(&self, tap: Option<FrameTap>) {
         let mut state = self.lock();
-        // After the end nothing would ever close the tap.
+        // After the end a new tap would never be closed.
         state.tap = tap.filter(|_| !state.has_ended);
     }
 
@@ -179,7 +180,7 @@ impl Hub {
         self.arrived.notify_all();
     }
 
-    /// Returns how many deliveries did not fit so far.
+    /// Returns the number of deliveries dropped so far.
     #[must_use]
     pub fn counts(&self) -> HubCounts {
         self.lock().counts

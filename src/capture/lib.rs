@@ -1,4 +1,4 @@
-//! Supervises the devices of a rig and puts everything that they deliver into one order.
+//! Supervises the devices of a rig and merges their deliveries into one ordered queue.
 //!
 //! Modules in the order in which data flows:
 //!

@@ -1,4 +1,4 @@
-//! All devices of a rig, each supervised on a thread of its own.
+//! All devices of a rig, each supervised on its own thread.
 
 use crate::device::DeviceReport;
 use crate::drivers::camera_name_and_serial;
@@ -15,7 +15,8 @@ use std::sync::Arc;
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-/// A replayed device has the pauses of its recording, so it is not reopened for silence.
+/// Time without data after which a replayed device is reopened: long, because it repeats the pauses
+/// of its recording.
 const REPLAY_REOPEN_AFTER: Duration = Duration::from_secs(3600);
 
 /// The devices of a rig.
@@ -72,7 +73,7 @@ impl Capture {
     /// Starts a thread for each device, whose deliveries go to `hub`.
     ///
     /// # Errors
-    /// The system refuses a thread.
+    /// The system cannot start a thread.
     pub fn start(devices: &Devices, hub: &Arc<Hub>) -> io::Result<Self> {
         let mut capture = Self {
             devices: Vec::new(),

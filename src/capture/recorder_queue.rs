@@ -5,7 +5,7 @@ use penumbra_session::SessionEvent;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// Bytes that may wait for the recorder.
+/// Maximum number of queued bytes.
 const MAX_BYTES: u64 = 256 << 20;
 
 /// The sending end of a recorder's queue. Events that do not fit are dropped and counted.
@@ -17,9 +17,8 @@ pub struct RecorderQueue {
 }
 
 impl RecorderQueue {
-    /// Creates a queue that sends to `events`. It adds the size of each event to
-    /// `waiting_bytes`, from which the recorder subtracts it, and counts in `dropped` what did
-    /// not fit.
+    /// Creates a queue that sends to `events`. It adds the size of each event to `waiting_bytes`,
+    /// from which the recorder subtracts it, and counts dropped events in `dropped`.
     #[must_use]
     pub const fn new(
         events: Sender<SessionEvent>,
@@ -33,7 +32,7 @@ impl RecorderQueue {
         }
     }
 
-    /// Sends a copy of `event`, or drops it where the queue is full.
+    /// Sends a copy of `event`, or drops it if the queue is full.
     pub(crate) fn offer(&self, event: &SessionEvent) {
         let size = event.bytes() as u64;
         if self.waiting_bytes.load(Ordering::Relaxed) + size > MAX_BYTES {

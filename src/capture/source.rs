@@ -9,7 +9,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// The recordings that are played. All devices of one recording share its timeline, so that
+/// The opened recordings. All devices of one recording share its timeline, so that
 /// they stay synchronous.
 #[derive(Clone, Default)]
 pub struct Recordings(Arc<Mutex<BTreeMap<PathBuf, Recording>>>);
@@ -91,7 +91,7 @@ pub fn open_tracker(
             let Some(protocol) = session.tracker_protocol().map(str::to_owned) else {
                 return Err(DeviceError::Refused {
                     device: replay_name(path),
-                    reason: "it holds no tracker bytes; name another recording".to_owned(),
+                    reason: "it has no tracker data; name another recording".to_owned(),
                 });
             };
             let bytes = move || tracker_bytes(&session);

@@ -1,4 +1,4 @@
-//! The loop around one device.
+//! Keeps one device open and passes on its deliveries.
 
 use crate::backoff::Backoff;
 use crate::device::{Device, DeviceReport};
@@ -8,12 +8,11 @@ use penumbra_interface::{DeviceError, MonotonicTime, Recovery};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::time::Duration;
 
-/// Takes what a device delivers. Neither call may block.
+/// Receives the deliveries of a device. Neither call may block.
 pub trait Sink<T> {
-    /// Takes the driver's report, which comes after opening and then every
-    /// [`REPORT_INTERVAL`].
+    /// Receives the driver's report, after opening and then every [`REPORT_INTERVAL`].
     fn report(&mut self, report: &DeviceReport);
-    /// Takes a delivery.
+    /// Receives a delivery.
     fn deliver(&mut self, item: T);
 }
 
@@ -42,8 +41,7 @@ impl Default for Limits {
 const MAX_CONSECUTIVE_DAMAGED: u32 = 100;
 /// Consecutive damaged deliveries after which there is a pause before each read.
 const MAX_DAMAGED_WITHOUT_PAUSE: u32 = 3;
-/// Pause before the next read after damaged data, or where a driver returns at once with
-/// nothing.
+/// Pause before the next read after damaged data, or if a driver returns at once without data.
 const PAUSE: Duration = Duration::from_millis(5);
 /// After this time of deliveries the back-off starts again at its shortest wait.
 const BACKOFF_RESET_AFTER: Duration = Duration::from_secs(1);
@@ -55,7 +53,7 @@ pub const REPORT_INTERVAL: Duration = Duration::from_millis(250);
 pub struct Supervisor<'a> {
     /// The device's name, for messages.
     pub name: &'a str,
-    /// Where its status is written.
+    /// The destination of its status.
     pub monitor: &'a DeviceMonitor,
     /// The clock that also ends the loop.
     pub clock: &'a dyn StoppableClock,
@@ -212,8 +210,8 @@ impl<'a, D: Device> Stream<'a, D> {
     }
 }
 
-/// Calls a driver and turns a panic of it into an error, so that it closes its own device and
-/// not the rig.
+/// Calls a driver and converts a panic into an error, which closes the driver's device instead of
+/// ending the rig.
 fn guard<T>(name: &str, call: impl FnOnce() -> Result<T, DeviceError>) -> Result<T, DeviceError> {
     catch_unwind(AssertUnwindSafe(call)).unwrap_or_else(|_| {
         tracing::error!(device = name, "the driver has panicked");

@@ -1,5 +1,5 @@
-//! A copy of the devices' deliveries for a consumer beside the rig, such as a calibration step.
-//! A slow consumer delays nobody: it misses pictures.
+//! A copy of the devices' deliveries for a consumer beside the rig, e.g. a calibration step. A slow
+//! consumer does not delay the rig; it misses pictures.
 
 use crate::next::Next;
 use crossbeam_channel::{Receiver, RecvTimeoutError, Sender, bounded};
@@ -8,10 +8,10 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 use std::time::Duration;
 
-/// Pictures that may wait. While they do, newer pictures are skipped.
+/// Maximum number of queued pictures. While the queue has that many, newer pictures are skipped.
 const MAX_PICTURES: usize = 12;
-/// Events that may wait. Apart from pictures these are tracker readings, half a minute of the
-/// fastest tracker.
+/// Maximum number of queued events. Apart from pictures these are tracker readings, half a minute
+/// of the fastest tracker.
 const MAX_EVENTS: usize = 8192;
 
 /// Which deliveries a tap passes on.
@@ -65,8 +65,8 @@ impl FrameTap {
         (tap, reader)
     }
 
-    /// Sends a copy of a delivery that the filter accepts. Does not wait: what does not fit is
-    /// counted.
+    /// Sends a copy of a delivery that the filter accepts. Does not wait: a delivery that does not
+    /// fit is dropped and counted.
     pub(crate) fn offer(&self, event: &SessionEvent) {
         match event {
             SessionEvent::Scene(_) if self.filter.scene => self.offer_picture(event),
@@ -112,13 +112,13 @@ impl TapReader {
         }
     }
 
-    /// Returns how many pictures were skipped because enough others were waiting.
+    /// Returns how many pictures were skipped because the queue was full of pictures.
     #[must_use]
     pub fn pictures_skipped(&self) -> u64 {
         self.counts.pictures_skipped.load(Ordering::Relaxed)
     }
 
-    /// Returns how many tracker readings did not fit.
+    /// Returns how many tracker readings were dropped.
     #[must_use]
     pub fn readings_lost(&self) -> u64 {
         self.counts.readings_lost.load(Ordering::Relaxed)
@@ -157,7 +157,7 @@ mod tests {
     }
 
     #[test]
-    fn a_full_tap_skips_pictures_and_keeps_readings() {
+    fn full_tap_skips_pictures_and_keeps_readings() {
         let hub = Hub::new(Arc::new(SystemClock), false);
         let filter = TapFilter {
             scene: true,

@@ -76,8 +76,8 @@ fn report(args: &LightArgs) -> anyhow::Result<LightReport> {
     Ok(light_of_session(&session, &config)?)
 }
 
-/// Whether a file is a session, by its name or its first bytes. An unreadable file is reported later,
-/// when it is opened.
+/// Returns whether a file is a session, by its name or its first bytes. An unreadable file is
+/// reported later, when it is opened.
 fn is_mcap(path: &Path) -> bool {
     let mut magic = [0; 5];
     let read = File::open(path).and_then(|mut file| file.read_exact(&mut magic));

@@ -34,7 +34,7 @@ pub struct RecordArgs {
     /// Stop after SECONDS; without it at Ctrl-C
     #[arg(long, value_name = "SECONDS", value_parser = seconds)]
     duration: Option<f64>,
-    /// Let the `penumbra run` that is already running record
+    /// Record with the `penumbra run` that is already running
     #[arg(long)]
     while_running: bool,
     /// Address of its status page

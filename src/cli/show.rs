@@ -61,7 +61,7 @@ pub struct ShowArgs {
     /// Part of the graphics adapter's name, or its number
     #[arg(long, value_name = "NAME")]
     adapter: Option<String>,
-    /// Where the light is measured
+    /// Source of the environment light
     #[arg(long, value_enum)]
     environment_source: Option<EnvironmentSource>,
     /// How the dome lights are placed

@@ -44,7 +44,7 @@ struct SessionArgs {
 
 #[derive(Debug, Args)]
 struct TrackerArgs {
-    /// fastrak, liberty, patriot, flock, freed or csv; with a session its own
+    /// Protocol: fastrak, liberty, patriot, flock, freed or csv; by default that of the session
     #[arg(long, value_name = "NAME")]
     protocol: Option<String>,
     /// Serve a pseudo-terminal, whose path is printed and, if given, linked to from LINK
@@ -53,17 +53,17 @@ struct TrackerArgs {
     /// Send UDP datagrams to this address, as FreeD does
     #[arg(long, value_name = "ADDRESS:PORT", conflicts_with = "pty")]
     udp: Option<SocketAddr>,
-    /// Records per second; without it the device's rate
+    /// Records per second; by default the device's rate
     #[arg(long, value_name = "HZ", value_parser = rate)]
     rate: Option<f64>,
-    /// `orbit`, or a file of lines `seconds x y z qx qy qz qw`
+    /// Path of the sensor: `orbit`, or a file of lines `seconds x y z qx qy qz qw`
     #[arg(long, value_name = "orbit|FILE", default_value = "orbit")]
     trajectory: PathBuf,
     /// Play the tracker's recorded bytes of a session
     #[arg(long, value_name = "SESSION.mcap", conflicts_with = "trajectory")]
     session: Option<PathBuf>,
-    /// split, drop=RATE, flip=RATE, insert=RATE, silent-after=SECONDS,
-    /// hang-up-after=SECONDS, separated by commas
+    /// Faults, separated by commas: split, drop=RATE, flip=RATE, insert=RATE, silent-after=SECONDS,
+    /// hang-up-after=SECONDS
     #[arg(
         long,
         value_name = "LIST",

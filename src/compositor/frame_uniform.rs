@@ -47,16 +47,16 @@ pub fn frame_uniform(from: &UniformInputs<'_>) -> FrameUniform {
     let indirect = input
         .indirect_light
         .filter(|near| near.generation != 0 && visible);
-    let [turning, moving] = rolling_shutter(from);
-    let [bending, rows] = distortion(view);
-    let [vignetting, vignetting_from] = vignetting(from);
+    let [rotation_per_row, translation_per_row] = rolling_shutter(from);
+    let [distortion, rows] = distortion(view);
+    let [vignetting, vignetting_intrinsics] = vignetting(from);
     let steps = from.highest_surroundings_level as f32;
     FrameUniform {
         vignetting,
-        vignetting_from,
-        turning,
-        moving,
-        bending,
+        vignetting_intrinsics,
+        rotation_per_row,
+        translation_per_row,
+        distortion,
         rows,
         right: axis(DVec3::X),
         down: axis(DVec3::Y),
@@ -93,8 +93,8 @@ pub fn frame_uniform(from: &UniformInputs<'_>) -> FrameUniform {
     }
 }
 
-/// Motion from one row of the camera picture to the next: `turning` and `moving` of the shaders'
-/// frame.
+/// Motion from one row of the camera picture to the next: `rotation_per_row` and
+/// `translation_per_row` of the shaders' frame.
 fn rolling_shutter(from: &UniformInputs<'_>) -> [[f32; 4]; 2] {
     let Some(shutter) = &from.input.rolling_shutter else {
         return [[0.0; 4]; 2];
@@ -107,7 +107,7 @@ fn rolling_shutter(from: &UniformInputs<'_>) -> [[f32; 4]; 2] {
     .map(|row| row.as_vec4().to_array())
 }
 
-/// Distortion of the camera picture, and which row shows a direction: `bending` and `rows`.
+/// Distortion of the camera picture, and which row shows a direction: `distortion` and `rows`.
 fn distortion(view: &FrameView) -> [[f32; 4]; 2] {
     let own = &view.own;
     let [k1, k2, p1, p2, k3] = own.distortion;
@@ -118,7 +118,7 @@ fn distortion(view: &FrameView) -> [[f32; 4]; 2] {
     .map(|row| row.as_vec4().to_array())
 }
 
-/// Vignetting of the camera: `vignetting` and `vignetting_from`.
+/// Vignetting of the camera: `vignetting` and `vignetting_intrinsics`.
 fn vignetting(from: &UniformInputs<'_>) -> [[f32; 4]; 2] {
     let own = &from.view.own;
     let (centre, radius, [k1, k2, k3]) = match &from.input.vignetting {

@@ -27,12 +27,12 @@ pub struct FrameUniform {
     pub planes_low: [f32; 4],
     pub planes_high: [f32; 4],
     pub brightest: [f32; 4],
-    pub turning: [f32; 4],
-    pub moving: [f32; 4],
-    pub bending: [f32; 4],
+    pub rotation_per_row: [f32; 4],
+    pub translation_per_row: [f32; 4],
+    pub distortion: [f32; 4],
     pub rows: [f32; 4],
     pub vignetting: [f32; 4],
-    pub vignetting_from: [f32; 4],
+    pub vignetting_intrinsics: [f32; 4],
 }
 
 /// Twin of WGSL `Light`.

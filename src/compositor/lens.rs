@@ -91,7 +91,7 @@ impl LensStage {
         let inputs = layout(device, "straighten", &slots);
         let bound = [view(&raw.view), view(&places.view)];
         let bound = group(device, "straighten", &inputs, &bound);
-        let pipeline = pipeline(device, &module, &[&inputs], "straightened");
+        let pipeline = pipeline(device, &module, &[&inputs], "undistorted");
         let bend = (output == LensOutput::Camera).then(|| {
             let place = |pixel| straight_place(camera, &straight, pixel);
             let places = upload(gpu, camera, place);
@@ -165,7 +165,7 @@ impl Bend {
         let straight = CachedGroup::of_slots(device, "bend", &slots);
         let usage = U::RENDER_ATTACHMENT | U::TEXTURE_BINDING | U::COPY_SRC;
         Self {
-            pipelines: ["bent", "bent_exposed"]
+            pipelines: ["distorted", "distorted_exposed"]
                 .map(|entry| pipeline(device, module, &[camera, &straight.layout], entry)),
             output: FrameTexture::new(device, "distorted output", size, format::OUTPUT, usage),
             positions,

@@ -125,7 +125,7 @@ impl ReprojectStage {
 struct Uniform {
     directions: [[f32; 4]; 3],
     intrinsics: [f32; 4],
-    bending: [f32; 4],
+    distortion: [f32; 4],
     more: [f32; 4],
 }
 
@@ -139,7 +139,7 @@ impl Uniform {
         Self {
             directions: [map.x_axis, map.y_axis, map.z_axis].map(column),
             intrinsics: floats([f.x, f.y, c.x, c.y]),
-            bending: floats([k1, k2, k3, p1]),
+            distortion: floats([k1, k2, k3, p1]),
             more: floats([p2, reach, 0.0, 0.0]),
         }
     }

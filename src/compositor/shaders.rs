@@ -19,7 +19,7 @@ const EXPOSED: &str = include_str!("shaders/lib/exposed.wgsl");
 const LIGHT_TEXEL: &str = include_str!("shaders/lib/light_texel.wgsl");
 const LAMPS: &str = include_str!("shaders/lib/lamps.wgsl");
 const LAMP_RESPONSE: &str = include_str!("shaders/lib/lamp_response.wgsl");
-const ANSWERED: &str = include_str!("shaders/lib/answered.wgsl");
+const ADDED_LIGHT: &str = include_str!("shaders/lib/added_light.wgsl");
 const AREA_LAMPS: &str = include_str!("shaders/lib/area_lamps.wgsl");
 const GLOSS: &str = include_str!("shaders/lib/gloss.wgsl");
 const COMPACT_SOURCE_SPECULAR: &str = include_str!("shaders/lib/compact_source_specular.wgsl");
@@ -27,7 +27,7 @@ const HIGHLIGHTS: &str = include_str!("shaders/lib/highlights.wgsl");
 const EDGES: &str = include_str!("shaders/lib/edges.wgsl");
 const BACKGROUND: &str = include_str!("shaders/lib/background.wgsl");
 const MARKS: &str = include_str!("shaders/lib/marks.wgsl");
-const ARRIVING: &str = include_str!("shaders/lib/arriving.wgsl");
+const IRRADIANCE: &str = include_str!("shaders/lib/irradiance.wgsl");
 const PLANES: &str = include_str!("shaders/lib/planes.wgsl");
 const VISIBILITY: &str = include_str!("shaders/lib/visibility.wgsl");
 
@@ -106,7 +106,7 @@ const FRAME_SHADERS: [(&str, &[&str]); 14] = [
             LIGHT_TEXEL,
             EDGES,
             MARKS,
-            ARRIVING,
+            IRRADIANCE,
             VISIBILITY,
             LAMPS,
             LAMP_RESPONSE,
@@ -126,7 +126,7 @@ const FRAME_SHADERS: [(&str, &[&str]); 14] = [
             LIGHT_TEXEL,
             EDGES,
             MARKS,
-            ARRIVING,
+            IRRADIANCE,
             LAMPS,
             LAMP_RESPONSE,
             AREA_LAMPS,
@@ -165,7 +165,7 @@ const FRAME_SHADERS: [(&str, &[&str]); 14] = [
             FULLSCREEN,
             CODES,
             EXPOSED,
-            ANSWERED,
+            ADDED_LIGHT,
             include_str!("shaders/surroundings.wgsl"),
         ],
     ),
@@ -180,7 +180,7 @@ const FRAME_SHADERS: [(&str, &[&str]); 14] = [
             LIGHT_TEXEL,
             CODES,
             EXPOSED,
-            ANSWERED,
+            ADDED_LIGHT,
             EDGES,
             BACKGROUND,
             GLOSS,
@@ -302,11 +302,19 @@ pub fn baking(resolution: u32) -> [(&'static str, String); 4] {
         ("bake_map", text(&[include_str!("shaders/bake_map.wgsl")])),
         (
             "bake_evaluate",
-            text(&[NORMAL, LOST, include_str!("shaders/bake_evaluate.wgsl")]),
+            text(&[
+                NORMAL,
+                IMAGE_FLAGS,
+                include_str!("shaders/bake_evaluate.wgsl"),
+            ]),
         ),
         (
             "bake_source",
-            text(&[SUM_PLANES, LOST, include_str!("shaders/bake_source.wgsl")]),
+            text(&[
+                SUM_PLANES,
+                IMAGE_FLAGS,
+                include_str!("shaders/bake_source.wgsl"),
+            ]),
         ),
     ]
 }
@@ -359,7 +367,7 @@ pub struct Summing {
     pub side: u32,
 }
 
-const LOST: &str = include_str!("shaders/lib/lost.wgsl");
+const IMAGE_FLAGS: &str = include_str!("shaders/lib/image_flags.wgsl");
 const SUM_PLANES: &str = include_str!("shaders/lib/sum_planes.wgsl");
 
 /// The module named `name`.

@@ -16,7 +16,7 @@ pub use interpolation::smoothstep;
 pub use levenberg_marquardt::{Minimum, NormalEquations, Stop, descend, minimise};
 pub use matrix::{Cholesky, Matrix};
 pub use random::Random;
-pub use rotation::rotation_vector;
+pub use rotation::{BestRotation, best_rotation, rotation_vector};
 pub use statistics::{median, median_absolute, root_mean_square, tukey_weight};
 
 /// Compiles and runs the README's example.

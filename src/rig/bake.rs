@@ -96,7 +96,7 @@ pub fn bake_changes(
 /// if one is given; or the scene of a session.
 ///
 /// # Errors
-/// The file is of another kind or cannot be read, or the scene has no virtual objects or moving
+/// The file is of another kind or cannot be read, or the scene has no virtual objects or has moving
 /// ones.
 pub fn scene_to_bake(
     path: &Path,
@@ -124,7 +124,7 @@ pub fn scene_to_bake(
         }
     };
     if scene.virtual_parts.is_empty() {
-        return Err(RigError::NothingVirtual {
+        return Err(RigError::NoVirtualObjects {
             path: path.to_owned(),
         });
     }
@@ -134,7 +134,7 @@ pub fn scene_to_bake(
         .first()
         .and_then(|m| scene.virtual_parts.get(m.index))
     {
-        return Err(RigError::Moves {
+        return Err(RigError::MovingObject {
             path: path.to_owned(),
             part: part.name.clone(),
         });

@@ -24,11 +24,11 @@ use std::time::{Duration, Instant};
 pub(super) struct Baked {
     /// The scene as it was baked.
     pub scene: Arc<Scene>,
-    /// Its bake.
+    /// The bake.
     pub bake: Arc<Bake>,
 }
 
-/// A finished bake, its provenance and the stage that renders it.
+/// A finished bake, its source and the stage that renders it.
 pub(super) struct Obtained {
     pub baked: Baked,
     pub stage: Box<PlanesStage>,
@@ -67,9 +67,9 @@ impl Baking {
         let (counts, stopped) = ((done.clone(), total.clone()), stop.clone());
         let target = scene.clone();
         let job = move || {
-            let mut progress = |at: usize, of: usize| {
-                counts.0.store(at as u32, Ordering::Relaxed);
-                counts.1.store(of as u32, Ordering::Relaxed);
+            let mut progress = |done: usize, total: usize| {
+                counts.0.store(done as u32, Ordering::Relaxed);
+                counts.1.store(total as u32, Ordering::Relaxed);
                 if stopped.load(Ordering::Relaxed) {
                     ControlFlow::Break(())
                 } else {
@@ -91,7 +91,7 @@ impl Baking {
         })
     }
 
-    /// Progress of the bake.
+    /// Returns the progress of the bake.
     pub fn state(&self) -> PlanesState {
         PlanesState::Baking {
             done: self.done.load(Ordering::Relaxed),
@@ -106,7 +106,7 @@ impl Baking {
         self.stop.store(true, Ordering::Relaxed);
     }
 
-    /// Whether the thread has ended.
+    /// Returns whether the thread has ended.
     pub fn is_over(&self) -> bool {
         self.thread.as_ref().is_none_or(JoinHandle::is_finished)
     }
@@ -134,13 +134,13 @@ fn obtain(
             let old = (&*old.scene, &*old.bake);
             (bake_changes(gpu, old, scene, config, progress)?, false)
         }
-        None => whole(gpu, scene, config, progress)?,
+        None => load_or_bake(gpu, scene, config, progress)?,
     };
     if progress(0, 0).is_break() {
         return Err(GpuError::Stopped.into());
     }
     let sources = config.sources.then(|| SourceBaker::new(gpu, scene, &bake));
-    // Without images of the sources, the faces of the dome still cast shadows.
+    // Without images of the compact sources, the lights of the dome still cast shadows.
     let sources = sources.and_then(|made| made.inspect_err(|error| tracing::warn!("{error}")).ok());
     Ok(Obtained {
         stage: Box::new(PlanesStage::new(gpu, &bake, sources)?),
@@ -154,7 +154,7 @@ fn obtain(
 }
 
 /// Returns the bake, and whether it was read from the cache. A new bake is stored there.
-fn whole(
+fn load_or_bake(
     gpu: &Gpu,
     scene: &Scene,
     config: &PlanesConfig,
@@ -162,19 +162,19 @@ fn whole(
 ) -> Result<(Bake, bool), RigError> {
     let plan = BakePlan::new(scene, config);
     let file = plan.cache_file(config);
-    let known = file.as_ref().and_then(|file| {
+    let cached = file.as_ref().and_then(|file| {
         let read = store::load(file, &plan.key);
         // An unreadable cache file counts as missing.
         read.inspect_err(|error| tracing::warn!("{error}"))
             .ok()
             .flatten()
     });
-    if let Some(bake) = known {
+    if let Some(bake) = cached {
         return Ok((bake, true));
     }
     let bake = plan.bake(gpu, scene, config, progress)?;
     if let Some(file) = file
-        && let Err(error) = keep(&file, &bake)
+        && let Err(error) = store_in_cache(&file, &bake)
     {
         tracing::warn!("{error}");
     }
@@ -182,7 +182,7 @@ fn whole(
 }
 
 /// Stores a bake in the cache and removes the least recently used ones beyond its limit.
-fn keep(file: &Path, bake: &Bake) -> Result<(), StoreError> {
+fn store_in_cache(file: &Path, bake: &Bake) -> Result<(), StoreError> {
     store::save(file, bake)?;
     if let Some(folder) = file.parent() {
         store::trim(folder, store::CACHE_LIMIT)?;

@@ -1,4 +1,4 @@
-//! The inputs of one run, shared by all that works on it.
+//! The inputs of one run, shared by its components.
 
 use crate::setup::RigSetup;
 use crate::source::Source;

@@ -1,9 +1,9 @@
-//! Where the camera will be when its picture is seen.
+//! Predicts the camera's pose at the instant at which its picture is displayed.
 //!
-//! The tracker's motion is drawn on to that instant and put upon the pose that the picture
-//! was registered by, so that what markers corrected stays corrected. Without a tracker the
-//! poses of the pictures before are drawn on. How far predictions as long were off lately is
-//! the error that is told.
+//! The tracker's motion is extrapolated to that instant and applied to the registered pose of the
+//! picture, which keeps the correction by markers. Without a tracker, the registered poses of the
+//! earlier pictures are extrapolated. The reported error is the recent error of predictions over
+//! the same time.
 
 use crate::feed::TrackerHistory;
 use crate::setup::RigSetup;
@@ -17,22 +17,23 @@ use penumbra_sync::{HistoryConfig, PoseAt, PoseHistory, RigFrame};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicI64, Ordering};
 
-/// Nothing is predicted further than this beyond the newest reading, nanoseconds.
-const LONGEST_NANOS: i64 = 250_000_000;
-/// Poses of pictures that are kept: a few seconds.
-const KEPT: usize = 128;
-/// A way, radians, that no head turns between a picture and its display: a fault.
-const WIDEST_TURN: f64 = 0.4;
-/// How near and far, metres, the picture may hang.
-const DEPTHS: std::ops::RangeInclusive<f64> = 0.1..=20.0;
+/// Maximum prediction time after the newest reading, nanoseconds.
+const MAX_PREDICTION_NANOS: i64 = 250_000_000;
+/// Number of picture poses kept: a few seconds.
+const MAX_PICTURE_POSES: usize = 128;
+/// Maximum rotation between a picture and its display, radians; a head turns less, so a larger one
+/// is a fault.
+const MAX_ROTATION: f64 = 0.4;
+/// Range of the depth at which the picture is reprojected, metres.
+const DEPTH_RANGE: std::ops::RangeInclusive<f64> = 0.1..=20.0;
 
-/// How long pictures took lately from their arrival until they were handed to the window,
+/// Moving average of the time from a picture's arrival until it is passed to the window,
 /// nanoseconds.
 #[derive(Debug, Default)]
 pub(super) struct DisplayLatency(AtomicI64);
 
 impl DisplayLatency {
-    /// One more picture: a new figure counts an eighth.
+    /// Adds a picture's time, with a weight of one eighth.
     pub fn add(&self, nanos: i64) {
         let known = self.0.load(Ordering::Relaxed);
         let next = if known == 0 {
@@ -48,59 +49,60 @@ impl DisplayLatency {
     }
 }
 
-/// Looks ahead to the instant at which a picture is seen.
-pub(super) struct Display {
-    /// From being handed over until that.
+/// Predicts the camera's pose for the display of its pictures.
+pub(super) struct DisplayPredictor {
+    /// Time from passing a picture to the window until its display.
     delay_nanos: i64,
-    /// From arrival to being handed over. Pictures of a recording need no time but that for
-    /// which a live rig would have waited for the tracker, so that they come out alike wherever
-    /// it is played.
-    handing: Option<Arc<DisplayLatency>>,
-    /// A live rig waits for the tracker no longer.
+    /// Time from arrival to the window in a live rig. In a replay, this is only the time that a
+    /// live rig would have waited for the tracker, so that the result does not depend on the
+    /// computer.
+    latency: Option<Arc<DisplayLatency>>,
+    /// Maximum time that a live rig waits for the tracker.
     max_wait_nanos: i64,
-    /// The camera's poses as its pictures were registered.
-    seen: PoseHistory,
+    /// The camera's registered poses.
+    registered: PoseHistory,
     camera: PinholeCamera,
-    /// What the virtual objects stand about, world, metres.
-    middle: DVec3,
+    /// Centre of the virtual objects, world, metres.
+    centre: DVec3,
 }
 
-/// Where the camera is expected when its picture is seen.
+/// The camera's predicted pose when its picture is displayed.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Shown {
-    /// When that is.
+pub struct DisplayPrediction {
+    /// The instant of display.
     pub at: MonotonicTime,
-    /// The pose.
+    /// The predicted pose.
     pub world_from_camera: RigidTransform,
-    /// From the pose that the picture was registered by.
+    /// The reprojection from the registered pose to the predicted pose.
     pub reprojection: Reprojection,
-    /// For the status.
+    /// The status of the prediction.
     pub status: DisplayStatus,
 }
 
-impl Display {
-    /// Of a rig; `handing` where it is live.
+impl DisplayPredictor {
+    /// Creates the predictor of a rig; a live rig passes its measured `latency`.
     pub fn new(
         setup: &RigSetup,
         config: &Config,
-        middle: DVec3,
-        handing: Option<Arc<DisplayLatency>>,
+        centre: DVec3,
+        latency: Option<Arc<DisplayLatency>>,
     ) -> Self {
         let rig = &setup.calibration;
         Self {
             delay_nanos: config.registration.display_delay_nanos,
-            handing,
+            latency,
             max_wait_nanos: config.sync.max_wait_nanos,
-            seen: PoseHistory::new(HistoryConfig {
-                capacity: KEPT,
+            registered: PoseHistory::new(HistoryConfig {
+                capacity: MAX_PICTURE_POSES,
                 ..HistoryConfig::default()
             }),
             camera: rig.scene_camera.camera.clone(),
-            middle,
+            centre,
         }
     }
 
-    /// Where the camera will be; `None` where its pose is unknown or its motion is.
+    /// Predicts the camera's pose when `frame` is displayed; `None` if its pose or motion is
+    /// unknown.
     pub fn predict(
         &mut self,
         setup: &RigSetup,
@@ -108,33 +110,36 @@ impl Display {
         frame: &RigFrame,
         registered: Option<RigidTransform>,
         status: &RegistrationStatus,
-    ) -> Option<Shown> {
+    ) -> Option<DisplayPrediction> {
         let registered = registered?;
-        self.seen.push(frame.captured_at, registered);
-        let (known, handed_at) = self.knowledge(tracker, frame);
-        let at = handed_at.offset_nanos(self.delay_nanos);
+        self.registered.push(frame.captured_at, registered);
+        let (known, output_at) = self.known_and_output(tracker, frame);
+        let at = output_at.offset_nanos(self.delay_nanos);
         let (motion, noise) = self
-            .tracked(setup, tracker, frame, (known, at))
-            .or_else(|| self.drawn_on(frame.captured_at, registered, at))?;
-        let camera_from_eye = believed(motion, noise);
-        let turn = 2.0 * camera_from_eye.rotation.w.abs().min(1.0).acos();
-        if turn > WIDEST_TURN {
+            .tracked_motion(setup, tracker, frame, (known, at))
+            .or_else(|| self.registered_motion(frame.captured_at, registered, at))?;
+        let camera_from_eye = shrink_by_noise(motion, noise);
+        let rotation = 2.0 * camera_from_eye.rotation.w.abs().min(1.0).acos();
+        if rotation > MAX_ROTATION {
             return None;
         }
-        let in_camera = registered.inverse().transform_point(self.middle);
-        let depth = in_camera.z.clamp(*DEPTHS.start(), *DEPTHS.end());
-        let told = |sigma: Option<f64>| sigma.unwrap_or(0.0);
+        let in_camera = registered.inverse().transform_point(self.centre);
+        let depth = in_camera.z.clamp(*DEPTH_RANGE.start(), *DEPTH_RANGE.end());
+        let or_zero = |sigma: Option<f64>| sigma.unwrap_or(0.0);
         let noise = noise.map(|[metres, radians]| {
-            let metres = metres.hypot(1e-3 * told(status.sigma_mm));
-            [metres, radians.hypot(told(status.sigma_deg).to_radians())]
+            let metres = metres.hypot(1e-3 * or_zero(status.sigma_mm));
+            [
+                metres,
+                radians.hypot(or_zero(status.sigma_deg).to_radians()),
+            ]
         });
         let world_from_camera = registered * camera_from_eye;
-        let middle = |pose: RigidTransform| {
-            let point = pose.inverse().transform_point(self.middle);
+        let centre_pixel = |pose: RigidTransform| {
+            let point = pose.inverse().transform_point(self.centre);
             self.camera.project(point)
         };
-        let moved = middle(registered).zip(middle(world_from_camera));
-        Some(Shown {
+        let moved = centre_pixel(registered).zip(centre_pixel(world_from_camera));
+        Some(DisplayPrediction {
             at,
             world_from_camera,
             reprojection: Reprojection {
@@ -154,17 +159,17 @@ impl Display {
         })
     }
 
-    /// The tracker's newest reading that counts for a picture, and when the picture is handed
-    /// over.
-    fn knowledge(
+    /// Returns the instant of the newest tracker reading that may be used for a picture, and the
+    /// instant at which the picture is passed to the window.
+    fn known_and_output(
         &self,
         tracker: TrackerHistory<'_>,
         frame: &RigFrame,
     ) -> (MonotonicTime, MonotonicTime) {
         let (history, arrived_at) = (tracker.poses, frame.scene.arrived_at);
-        if let Some(handing) = &self.handing {
+        if let Some(latency) = &self.latency {
             let known = history.newest().unwrap_or(frame.captured_at);
-            return (known, arrived_at.offset_nanos(handing.nanos()));
+            return (known, arrived_at.offset_nanos(latency.nanos()));
         }
         let latency = tracker.latency_nanos;
         let waited = frame.pose.and_then(|_| {
@@ -172,28 +177,28 @@ impl Display {
             Some(next.offset_nanos(latency).nanos_since(arrived_at))
         });
         let waited = waited.unwrap_or(0).clamp(0, self.max_wait_nanos);
-        let handed_at = arrived_at.offset_nanos(waited);
-        (handed_at.offset_nanos(-latency), handed_at)
+        let output_at = arrived_at.offset_nanos(waited);
+        (output_at.offset_nanos(-latency), output_at)
     }
 
-    /// The tracker's motion from the exposure until an instant, as the camera makes it, by the
-    /// readings up to `known`, and its error: metres and radians over all axes.
-    fn tracked(
+    /// Returns the camera's motion by the tracker from the exposure until `at`, from the readings
+    /// up to `known`, and its standard deviations over all axes, metres and radians.
+    fn tracked_motion(
         &self,
         setup: &RigSetup,
         tracker: TrackerHistory<'_>,
         frame: &RigFrame,
         (known, at): (MonotonicTime, MonotonicTime),
     ) -> Option<(RigidTransform, Option<[f64; 2]>)> {
-        let now = setup.camera_of(frame.pose.as_ref()?.transmitter_from_sensor);
-        let then = tracker.poses.expected(at, known, LONGEST_NANOS)?;
+        let now = setup.world_from_scene_camera(frame.pose.as_ref()?.transmitter_from_sensor);
+        let then = tracker.poses.expected(at, known, MAX_PREDICTION_NANOS)?;
         let noise = setup.camera_noise(&then);
-        let then = setup.camera_of(then.transmitter_from_sensor);
+        let then = setup.world_from_scene_camera(then.transmitter_from_sensor);
         Some((now.inverse() * then, noise))
     }
 
-    /// The same by the pictures' own poses.
-    fn drawn_on(
+    /// Returns the same motion from the registered poses of the pictures.
+    fn registered_motion(
         &self,
         captured_at: MonotonicTime,
         registered: RigidTransform,
@@ -203,28 +208,30 @@ impl Display {
             transmitter_from_sensor: then,
             sigma,
             ..
-        } = self.seen.expected(at, captured_at, LONGEST_NANOS)?;
+        } = self
+            .registered
+            .expected(at, captured_at, MAX_PREDICTION_NANOS)?;
         Some((registered.inverse() * then, sigma))
     }
 }
 
-/// As much of a motion as stands out of its error: James and Stein's estimate (1961) of three
-/// numbers, `1 − σ²/|x|²` of them, for the turn and for the way. So a camera that rests is not
-/// shaken by its tracker's noise.
-fn believed(motion: RigidTransform, noise: Option<[f64; 2]>) -> RigidTransform {
+/// Shrinks a motion according to its error, so that the tracker's noise does not shake a camera at
+/// rest: the estimator of James and Stein (1961) for three numbers scales rotation and translation
+/// each by `max(0, 1 − σ²/|x|²)`, with σ along an axis.
+fn shrink_by_noise(motion: RigidTransform, noise: Option<[f64; 2]>) -> RigidTransform {
     let Some([metres, radians]) = noise else {
         return motion;
     };
-    let share = |all: f64, length: f64| {
-        let along_an_axis = all * all / 3.0;
-        (1.0 - along_an_axis / (length * length).max(1e-18)).max(0.0)
+    let factor = |all: f64, length: f64| {
+        let axis_variance = all * all / 3.0;
+        (1.0 - axis_variance / (length * length).max(1e-18)).max(0.0)
     };
-    let turned = motion.rotation.to_scaled_axis();
-    let turned = turned * share(radians, turned.length());
-    let moved = motion.translation;
+    let rotation = motion.rotation.to_scaled_axis();
+    let rotation = rotation * factor(radians, rotation.length());
+    let translation = motion.translation;
     RigidTransform::new(
-        DQuat::from_scaled_axis(turned),
-        moved * share(metres, moved.length()),
+        DQuat::from_scaled_axis(rotation),
+        translation * factor(metres, translation.length()),
     )
 }
 

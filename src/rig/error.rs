@@ -12,171 +12,173 @@ use penumbra_session::import::ImportError;
 use std::path::PathBuf;
 use thiserror::Error;
 
-/// The rig cannot start or go on. Each text is the one line that the user gets.
+/// An error that prevents a rig from starting or ends a run.
 #[derive(Debug, Error)]
 pub enum RigError {
-    /// The recording.
+    /// A session cannot be read or written.
     #[error(transparent)]
     Session(#[from] SessionError),
-    /// The folder with the rig's files.
+    /// The folder of the rig's files cannot be read.
     #[error(transparent)]
     Files(#[from] ImportError),
-    /// What is known of the rig cannot be used.
+    /// A file of the rig is invalid.
     #[error(transparent)]
     RigFiles(#[from] RigFilesError),
-    /// The tracker would be told another unit than it was calibrated in.
+    /// The tracker's configured unit differs from that of its calibration.
     #[error(
-        "tracker.units: {told:?}, but by the calibration a unit is {metres} m; remove `units`, or \
-         calibrate anew"
+        "tracker.units: {configured:?}, but the calibration uses a unit of {metres} m; remove `units`, \
+         or recalibrate"
     )]
     Units {
-        /// What the configuration says.
-        told: penumbra_config::TrackerUnits,
-        /// What the calibration says, metres.
+        /// The configured unit.
+        configured: penumbra_config::TrackerUnits,
+        /// The unit of the calibration, metres.
         metres: f64,
     },
-    /// Pictures to calibrate from.
+    /// The pictures to calibrate from cannot be read.
     #[error("{path}: {reason}; name a folder with JPEG or PNG pictures", path = path.display())]
     Pictures {
         /// The folder, or a file in it.
         path: PathBuf,
-        /// What is wrong.
+        /// The reason.
         reason: String,
     },
-    /// A step of calibration that cannot be begun.
+    /// A calibration step cannot start.
     #[error(transparent)]
     Calibration {
-        /// Why.
+        /// The reason.
         refusal: penumbra_status::calibration::CalibrationRefusal,
     },
-    /// A calibration has no place among the rig's files.
+    /// There is no folder to which a calibration can be written.
     #[error(
-        "{reason}, so a calibration has no place; set [calibration] from = \"FOLDER\" to a folder \
-         of the rig's files"
+        "{reason}, so the calibration cannot be saved; set [calibration] from = \"FOLDER\" to the \
+         folder of the rig's files"
     )]
     NoCalibrationFolder {
-        /// What is there instead.
+        /// The reason.
         reason: String,
     },
-    /// Calibration, objects, phantoms.
+    /// A scene, object or phantom file is invalid.
     #[error(transparent)]
     Scene(#[from] SceneError),
-    /// The configuration.
+    /// The configuration is invalid.
     #[error(transparent)]
     Config(#[from] ConfigError),
-    /// The graphics device.
+    /// The graphics device failed.
     #[error(transparent)]
     Gpu(#[from] GpuError),
-    /// A window or a folder of frames.
+    /// A window or an output file failed.
     #[error(transparent)]
     Output(#[from] OutputError),
-    /// Shadowing planes.
+    /// Shadowing planes cannot be generated.
     #[error(transparent)]
     Planes(#[from] penumbra_scene::planes::PlaneError),
-    /// The pose is to come from markers that nobody told of.
+    /// The configured pose source needs markers, and the calibration lists none.
     #[error(
         "registration.pose = \"{wanted}\", but the calibration lists no markers; add `markers` to \
          rig.json, or use \"tracker\""
     )]
     NoMarkers {
-        /// What the configuration says.
+        /// The configured pose source.
         wanted: &'static str,
     },
-    /// A check without markers.
+    /// The rig cannot be verified without markers.
     #[error(
-        "the rig has no markers to check it by; print some, fix them, and run `penumbra calibrate map`, or \
-         list them in rig.json"
+        "the rig has no markers to verify it with; print and fix some, and run `penumbra calibrate \
+         map`, or list them in rig.json"
     )]
-    NothingToCheckBy,
-    /// Markers that cannot be found.
+    NoMarkersToVerify,
+    /// The list of markers is invalid.
     #[error("rig.json: markers: {reason}")]
     Markers {
-        /// What is wrong with them, and what to do.
+        /// The reason, and what to do.
         reason: String,
     },
-    /// Neither a scene nor something that brings one.
+    /// The file to bake is neither a scene, a model nor a session.
     #[error(
         "{path}: expected a scene file (.toml), a model (.glb, .gltf) or a session (.mcap; without \
          --session)",
         path = path.display()
     )]
     NoScene {
-        /// What was named.
-        path: PathBuf,
-    },
-    /// A scene without objects.
-    #[error(
-        "{path}: holds nothing virtual, so there is nothing to bake; add an [[object]], or name a \
-         model",
-        path = path.display()
-    )]
-    NothingVirtual {
-        /// The scene.
-        path: PathBuf,
-    },
-    /// A bake of what does not stand still.
-    #[error(
-        "{path}: `{part}` moves, and planes are baked for what stands still; take its `keys` and \
-         `animation` away, or use the light dome, which needs no bake",
-        path = path.display()
-    )]
-    Moves {
-        /// The scene.
-        path: PathBuf,
-        /// A part that moves.
-        part: String,
-    },
-    /// The view of the environment.
-    #[error(transparent)]
-    Environment(#[from] EnvironmentError),
-    /// A picture that must be readable (the chart) is not.
-    #[error("{name}: {source}")]
-    Picture {
-        /// Attachment or stream.
-        name: String,
-        /// Why.
-        source: PictureError,
-    },
-    /// The status endpoint.
-    #[error(transparent)]
-    Status(#[from] penumbra_status::StatusError),
-    /// The poses' file is there already.
-    #[error("{path}: is there already; name another file or pass --force", path = path.display())]
-    PosesThere {
         /// The file.
         path: PathBuf,
     },
-    /// The poses' receiver cannot be reached.
-    #[error("output.freed: {receiver}: {source}; name another address")]
-    Freed {
-        /// Who should be told.
-        receiver: std::net::SocketAddr,
-        /// What the system said.
-        source: std::io::Error,
-    },
-    /// One recording at a time.
-    #[error("{path}: is being recorded; end that first", path = path.display())]
-    Recording {
-        /// Which.
+    /// The scene to bake has no virtual objects.
+    #[error(
+        "{path}: has no virtual objects to bake; add an [[object]], or name a model",
+        path = path.display()
+    )]
+    NoVirtualObjects {
+        /// The scene.
         path: PathBuf,
     },
-    /// The session shows no light.
-    #[error("{path}: no complete picture of the environment in it; there is no light to tell of", path = path.display())]
+    /// The scene to bake has a moving object.
+    #[error(
+        "{path}: `{part}` moves, and planes are baked for static objects; remove its `keys` and \
+         `animation`, or use the light dome, which needs no bake",
+        path = path.display()
+    )]
+    MovingObject {
+        /// The scene.
+        path: PathBuf,
+        /// The moving part.
+        part: String,
+    },
+    /// The environment camera's view is invalid.
+    #[error(transparent)]
+    Environment(#[from] EnvironmentError),
+    /// A required picture (of a chart) cannot be decoded.
+    #[error("{name}: {source}")]
+    Picture {
+        /// The attachment or stream.
+        name: String,
+        /// The reason.
+        source: PictureError,
+    },
+    /// The status server cannot start.
+    #[error(transparent)]
+    Status(#[from] penumbra_status::StatusError),
+    /// The file of poses exists.
+    #[error("{path}: exists already; name another file or pass --force", path = path.display())]
+    PosesFileExists {
+        /// The file.
+        path: PathBuf,
+    },
+    /// The receiver of FreeD poses cannot be reached.
+    #[error("output.freed: {receiver}: {source}; name another address")]
+    Freed {
+        /// The receiver's address.
+        receiver: std::net::SocketAddr,
+        /// The error of the system.
+        source: std::io::Error,
+    },
+    /// Another recording is running.
+    #[error("{path}: is being recorded; stop it first", path = path.display())]
+    Recording {
+        /// Its file.
+        path: PathBuf,
+    },
+    /// The session has no complete environment picture.
+    #[error(
+        "{path}: has no complete environment picture to estimate light from",
+        path = path.display()
+    )]
     NoLight {
         /// The session.
         path: PathBuf,
     },
-    /// The light could not be told of.
+    /// The report of the light cannot be written.
     #[error(transparent)]
     LightReport(#[from] penumbra_lighting::report::LightReportError),
-    /// The system has no more threads.
-    #[error("no thread to be had: {source}; end other programs")]
+    /// The system cannot start a thread.
+    #[error("cannot start a thread: {source}; end other programs")]
     Thread {
-        /// What the system said.
+        /// The error of the system.
         source: std::io::Error,
     },
-    /// The session has no frame of the scene camera.
-    #[error("{path}: no picture of the scene camera in it; nothing to compose", path = path.display())]
+    /// The session has no scene camera picture.
+    #[error("{path}: has no scene camera picture to compose", path = path.display())]
     Empty {
         /// The session.
         path: PathBuf,

@@ -1,8 +1,8 @@
-//! What arrives becomes paired rig frames.
+//! Pairs arriving pictures and tracker readings into rig frames.
 //!
-//! Pairing is a function of what arrives and in which order, a live rig's passing over of
-//! pictures comes after it, and both are written into a recording. So a replay pairs as the
-//! live rig did, and knows which pictures its light has seen.
+//! Pairing depends only on the arrivals and their order. A live rig skips pictures after pairing.
+//! A recording holds both the arrivals and the skips, so a replay pairs as the live rig did and
+//! knows which pictures the live light estimate used.
 
 use crate::journal::JournalEntry;
 use crate::latency_monitor::LatencyMonitor;
@@ -18,14 +18,14 @@ use std::collections::VecDeque;
 use std::sync::Arc;
 use std::time::Duration;
 
-/// A live rig without pictures says so this often.
-const PATIENCE: Duration = Duration::from_millis(200);
-/// How far behind a picture the live rig's note about it is looked for.
-const NOTE_NANOS: i64 = 2_000_000_000;
-/// Bytes that are read ahead for it at most.
-const NOTE_BYTES: usize = 64 << 20;
+/// Time without a picture after which a live rig reports [`Next::Idle`].
+const IDLE_TIMEOUT: Duration = Duration::from_millis(200);
+/// Maximum time from a picture's arrival to its journal entry, nanoseconds.
+const MAX_ENTRY_DELAY_NANOS: i64 = 2_000_000_000;
+/// Maximum number of bytes read ahead in search of a journal entry.
+const MAX_READ_AHEAD_BYTES: usize = 64 << 20;
 
-/// Pairs what a recording holds or devices deliver.
+/// Pairs the events of a recording or of live devices.
 pub struct Feed {
     origin: Origin,
     decoder: Option<(Arc<str>, AnyDecoder)>,
@@ -41,36 +41,36 @@ enum Origin {
     Live(Arc<Hub>),
 }
 
-/// A recording, and what was read of it ahead of time.
+/// A recording and the events that were read ahead.
 struct Recorded {
     session: Session,
     events: Events,
     ahead: VecDeque<Result<SessionEvent, SessionError>>,
-    exhausted: bool,
-    /// The live rig's notes are looked at.
-    as_live: bool,
+    is_exhausted: bool,
+    /// Whether the live rig's journal entries are read.
+    follows_journal: bool,
 }
 
-/// A paired picture.
+/// A paired picture with its journal entry.
 pub struct JournaledFrame {
-    /// It.
+    /// The paired picture.
     pub frame: RigFrame,
-    /// Pictures that a live rig passed over for it.
+    /// Number of older pictures that a live rig skipped in favour of this one.
     pub skipped: u64,
-    /// What a live rig noted about it.
+    /// The live rig's journal entry of the picture.
     pub entry: JournalEntry,
 }
 
 /// The recent poses of the tracker's sensor.
 #[derive(Clone, Copy)]
 pub(crate) struct TrackerHistory<'a> {
-    /// The poses by measurement time.
+    /// The poses, by measurement time.
     pub poses: &'a PoseHistory,
     /// Time from measurement to arrival, nanoseconds.
     pub latency_nanos: i64,
 }
 
-/// What came in.
+/// Counts of received data.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct FeedCounts {
     /// Pictures of the scene camera.
@@ -79,26 +79,27 @@ pub struct FeedCounts {
     pub environment_frames: u64,
     /// Readings of the tracker.
     pub poses: u64,
-    /// Stretches of the file that could not be read.
+    /// Unreadable sections of the recording.
     pub damaged: u64,
 }
 
 impl Feed {
-    /// From the beginning. `as_live` follows what a live rig noted in its recording.
+    /// Creates a feed that starts at the beginning of `source`. `follow_journal` reads the journal
+    /// entries of the live rig from its recording.
     #[must_use]
     pub fn new(
         source: &Source,
         rig: &RigCalibration,
         config: PairingConfig,
-        as_live: bool,
+        follow_journal: bool,
     ) -> Self {
         let origin = match source {
             Source::Recorded(session) => Origin::Recorded(Box::new(Recorded {
                 events: session.events(),
                 session: session.clone(),
                 ahead: VecDeque::new(),
-                exhausted: false,
-                as_live: as_live && session.has_journal(),
+                is_exhausted: false,
+                follows_journal: follow_journal && session.has_journal(),
             })),
             Source::Live(live) => Origin::Live(Arc::clone(&live.hub)),
         };
@@ -126,19 +127,19 @@ impl Feed {
         self.pairing.tracker_latency()
     }
 
-    /// Begins again, as a loop does: what is paired next has nothing to do with what was.
+    /// Restarts the recording for another loop, with empty pairing state.
     pub fn rewind(&mut self, config: PairingConfig) {
         if let Origin::Recorded(recorded) = &mut self.origin {
             recorded.events = recorded.session.events();
             recorded.ahead.clear();
-            recorded.exhausted = false;
+            recorded.is_exhausted = false;
         }
         self.retire_decoder();
         self.pairing = Pairing::new(self.origin.with_recorded_poses(config));
     }
 
-    /// Returns the next picture of the scene camera, paired. The tracker's readings also go to
-    /// `monitor`, and the latency that it has found is used for pairing from now on.
+    /// Returns the next paired picture of the scene camera. Passes the tracker's readings to
+    /// `monitor` as well, and pairs with the latency that `monitor` has measured.
     pub(crate) fn next_picture(
         &mut self,
         mut monitor: Option<&mut LatencyMonitor>,
@@ -165,35 +166,35 @@ impl Feed {
             };
             if let Some(frame) = self.pairing.pop() {
                 return Next::Item(Box::new(JournaledFrame {
-                    entry: recorded.note_about(frame.scene.arrived_at),
+                    entry: recorded.journal_entry(frame.scene.arrived_at),
                     skipped: 0,
                     frame,
                 }));
             }
-            if recorded.exhausted {
+            if recorded.is_exhausted {
                 return Next::Ended;
             }
             match recorded.next() {
-                Some(Ok(event)) => self.take(event, monitor.as_deref_mut()),
-                // The reader has left the damaged stretch behind; status counts it.
+                Some(Ok(event)) => self.push(event, monitor.as_deref_mut()),
+                // The reader continues behind the damaged section; the status counts it.
                 Some(Err(_)) => self.counts.damaged += 1,
                 None => {
-                    recorded.exhausted = true;
+                    recorded.is_exhausted = true;
                     self.pairing.finish();
                 }
             }
         }
     }
 
-    /// Everything that waits is paired, and the newest picture wins.
+    /// Pairs all waiting deliveries and returns the newest picture.
     fn next_live(
         &mut self,
         hub: &Hub,
         mut monitor: Option<&mut LatencyMonitor>,
     ) -> Next<Box<JournaledFrame>> {
         let (mut newest, mut skipped) = (None, 0);
-        // A tracker alone keeps things arriving, but no picture ever comes of it.
-        let longest = SystemClock.now() + PATIENCE;
+        // Tracker readings alone keep `hub.take` from timing out, but yield no picture.
+        let deadline = SystemClock.now() + IDLE_TIMEOUT;
         loop {
             while let Some(frame) = self.pairing.pop() {
                 skipped += u64::from(newest.replace(frame).is_some());
@@ -203,15 +204,15 @@ impl Feed {
                     Some(delivery) => delivery,
                     None => break,
                 },
-                None if SystemClock.now() >= longest => return Next::Idle,
-                None => match hub.take(self.pairing.deadline(), PATIENCE) {
+                None if SystemClock.now() >= deadline => return Next::Idle,
+                None => match hub.take(self.pairing.deadline(), IDLE_TIMEOUT) {
                     Next::Item(delivery) => delivery,
                     Next::Idle => return Next::Idle,
                     Next::Ended => return Next::Ended,
                 },
             };
             match delivery {
-                Delivery::Event(event) => self.take(event, monitor.as_deref_mut()),
+                Delivery::Event(event) => self.push(event, monitor.as_deref_mut()),
                 Delivery::Superseded { arrived_at } => {
                     self.counts.scene_frames += 1;
                     self.pairing.skip_scene(arrived_at);
@@ -229,7 +230,7 @@ impl Feed {
         }))
     }
 
-    fn take(&mut self, event: SessionEvent, monitor: Option<&mut LatencyMonitor>) {
+    fn push(&mut self, event: SessionEvent, monitor: Option<&mut LatencyMonitor>) {
         let arrived_at = event.arrived_at();
         match event {
             SessionEvent::Scene(frame) => {
@@ -253,7 +254,7 @@ impl Feed {
                 }
             }
             SessionEvent::Tick(_) => (),
-            // A note about what was paired before, not an arrival.
+            // The journal entry of an earlier picture; nothing has arrived.
             SessionEvent::Prepared { .. } => return,
         }
         self.pairing.advance(arrived_at);
@@ -293,19 +294,19 @@ impl Feed {
         self.decoder = None;
     }
 
-    /// What came in so far.
+    /// Returns the counts of received data so far.
     #[must_use]
     pub const fn counts(&self) -> FeedCounts {
         self.counts
     }
 
-    /// What was paired so far.
+    /// Returns the counts of the pairing so far.
     #[must_use]
     pub fn pairing_counts(&self) -> PairingCounts {
         self.pairing.counts()
     }
 
-    /// What the tracker's decoders have met.
+    /// Returns the counters of the tracker's decoders so far, summed.
     #[must_use]
     pub fn tracker_counters(&self) -> Counters {
         let mut sum = self.tracker;
@@ -319,14 +320,18 @@ impl Feed {
 }
 
 impl Origin {
-    /// A session whose poses are no tracker's bytes, such as an imported TUM one, has poses
-    /// of the scene camera itself, and needs no tracker's calibration for them.
+    /// Returns `config` with a station for recorded poses. A session that holds poses instead of a
+    /// tracker's bytes, e.g. an imported TUM session, has poses of the scene camera itself, which
+    /// need no calibration of a tracker.
     fn with_recorded_poses(&self, config: PairingConfig) -> PairingConfig {
         let Self::Recorded(recorded) = self else {
             return config;
         };
         let bytes = recorded.session.tracker_protocol();
-        let station = bytes.is_none().then_some(1).filter(|_| !recorded.as_live);
+        let station = bytes
+            .is_none()
+            .then_some(1)
+            .filter(|_| !recorded.follows_journal);
         PairingConfig {
             station: config.station.or(station),
             ..config
@@ -339,10 +344,10 @@ impl Recorded {
         self.ahead.pop_front().or_else(|| self.events.next())
     }
 
-    /// What the live rig noted about the picture of this arrival. Its note about that, or
-    /// about a later picture, comes soon after.
-    fn note_about(&mut self, picture_at: MonotonicTime) -> JournalEntry {
-        if !self.as_live {
+    /// Returns the live rig's journal entry of the picture that arrived at `picture_at`. That
+    /// entry, or the entry of a later picture, follows the picture closely.
+    fn journal_entry(&mut self, picture_at: MonotonicTime) -> JournalEntry {
+        if !self.follows_journal {
             return JournalEntry::None;
         }
         let (mut i, mut bytes) = (0, 0);
@@ -365,8 +370,8 @@ impl Recorded {
                 }
                 Some(Ok(event)) => {
                     bytes += event.bytes();
-                    let far = event.arrived_at().nanos_since(picture_at) > NOTE_NANOS;
-                    if far || bytes > NOTE_BYTES {
+                    let delay = event.arrived_at().nanos_since(picture_at);
+                    if delay > MAX_ENTRY_DELAY_NANOS || bytes > MAX_READ_AHEAD_BYTES {
                         return JournalEntry::Skipped;
                     }
                 }
@@ -377,15 +382,14 @@ impl Recorded {
     }
 }
 
-/// The scene camera itself sees the light, on a mirrored sphere.
-#[must_use]
-pub fn is_sphere_in_scene(rig: &RigCalibration) -> bool {
+/// Returns whether the scene camera itself observes the light, in a mirrored sphere.
+fn is_sphere_in_scene(rig: &RigCalibration) -> bool {
     let environment = rig.environment.as_ref();
     environment.is_some_and(|e| matches!(e.view, EnvironmentView::SphereInScene { .. }))
 }
 
-/// What reads the bytes. A protocol that nobody knows is read as a FASTRAK's default; the
-/// decoder counts what it cannot read.
+/// Creates the decoder of a tracker's bytes. An unknown protocol is decoded as the default format
+/// of a FASTRAK; the decoder counts the bytes that it cannot decode.
 pub(super) fn decoder_for(protocol: &str, metres_per_unit: Option<f64>) -> AnyDecoder {
     let decoder =
         AnyDecoder::for_protocol(protocol).unwrap_or_else(|| AnyDecoder::new(Format::default()));

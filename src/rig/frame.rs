@@ -1,6 +1,6 @@
-//! A frame that is ready for the compositor.
+//! A frame prepared for the compositor.
 
-use crate::display::Shown;
+use crate::display::DisplayPrediction;
 use crate::feed::FeedCounts;
 use crate::latency_monitor::LatencyState;
 use crate::light::state::LightState;
@@ -12,49 +12,49 @@ use penumbra_sync::{PairingCounts, RigFrame};
 use std::sync::Arc;
 use std::time::Duration;
 
-/// One frame with everything that it is made of.
+/// One frame with all inputs of its composition.
 pub struct PreparedFrame {
-    /// Number of its picture in the recording.
+    /// Index of its picture in the recording.
     pub index: u64,
-    /// What was paired. Its picture's bytes are decoded already.
+    /// The paired data; its picture is decoded in `picture`.
     pub frame: RigFrame,
     /// The scene camera's picture.
     pub picture: Picture,
     /// The scene camera's pose.
     pub world_from_camera: Option<RigidTransform>,
-    /// Where that pose comes from.
+    /// Source and uncertainty of that pose.
     pub registration: RegistrationStatus,
-    /// How the camera moved while it read the picture, where its shutter rolls.
-    pub rolling: Option<RollingShutter>,
-    /// Where it will be when the picture is seen, if it is to be shown for that instant.
-    pub shown: Option<Shown>,
-    /// Error of the tracker's own pose at this instant: millimetres, degrees, and pixels amid
-    /// the virtual objects.
+    /// The camera's motion during the readout, if it has a rolling shutter.
+    pub rolling_shutter: Option<RollingShutter>,
+    /// The predicted pose at the instant of display, if prediction is configured.
+    pub display: Option<DisplayPrediction>,
+    /// Standard deviation of the tracker's pose at this instant: millimetres, degrees, and pixels
+    /// at the distance of the virtual objects.
     pub tracker_sigma: Option<[f64; 3]>,
     /// Seconds since the recording's first picture.
     pub seconds: f64,
-    /// The light, and what is known of it.
+    /// The light.
     pub light: LightState,
-    /// How long decoding took.
+    /// Duration of decoding.
     pub decoding: Duration,
-    /// How long the light took that it is drawn in.
+    /// Duration of the estimate of its light.
     pub lighting: Duration,
-    /// A new preview of the environment.
+    /// A new preview of the environment, if one was due.
     pub preview: Option<Arc<Picture>>,
-    /// What is wrong with the environment's picture.
+    /// Warning about an unreadable environment picture.
     pub warning: Option<String>,
-    /// What came in so far during this pass.
+    /// Counts of the data received so far in this loop of the recording.
     pub counts: Counts,
-    /// Pictures that a live rig passed over for this one.
+    /// Number of pictures that a live rig skipped before this one.
     pub skipped: u64,
 }
 
-/// What came in.
+/// Counts of received data, and the tracker's latency.
 #[derive(Clone, Copy, Debug)]
 pub struct Counts {
-    /// By the feed.
+    /// Counts of the feed.
     pub feed: FeedCounts,
-    /// By the pairing.
+    /// Counts of the pairing.
     pub pairing: PairingCounts,
     /// Tracker bytes that belonged to no record.
     pub skipped_tracker_bytes: u64,

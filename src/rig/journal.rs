@@ -1,4 +1,4 @@
-//! The notes of a live rig about its frames: written into a recording, followed by a replay.
+//! The journal of a live rig about its frames, which is part of the recording. A replay follows it.
 
 use crate::source::Source;
 use penumbra_capture::Hub;
@@ -6,18 +6,18 @@ use penumbra_interface::{Clock, MonotonicTime, SystemClock};
 use penumbra_session::{LightRecord, SessionEvent};
 use std::sync::Arc;
 
-/// What the recording of a live rig says about a picture.
+/// The journal's entry for a picture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum JournalEntry {
-    /// Nothing: no rig has composed the picture before.
+    /// No entry: no rig has composed the picture before.
     None,
-    /// The rig skipped the picture, and its light estimate has not used it.
+    /// The rig skipped the picture, and its light estimate did not use it.
     Skipped,
-    /// The picture was composed. `None` in older recordings, which do not name the light.
+    /// The picture was composed in this light; `None` in older recordings, which do not record it.
     Composed(Option<LightRecord>),
 }
 
-/// Writes the notes of a live rig; a replay has no journal to write.
+/// Writes the journal of a live rig; a replay writes none.
 pub(crate) struct Journal(Option<Arc<Hub>>);
 
 impl Journal {
@@ -29,7 +29,7 @@ impl Journal {
         }
     }
 
-    /// Notes that the picture which arrived at `arrived_at` is composed, and in which light.
+    /// Records that the picture that arrived at `arrived_at` is composed in `light`.
     pub fn write(&self, arrived_at: MonotonicTime, light: LightRecord) {
         if let Some(hub) = &self.0 {
             hub.journal(&SessionEvent::Prepared {

@@ -25,8 +25,8 @@ use std::thread::JoinHandle;
 
 /// Capacity of the message queue: the readings of some seconds.
 const QUEUE_CAPACITY: usize = 2048;
-/// Number of small pictures in circulation.
-const PICTURES: usize = 4;
+/// Number of recycled buffers for small pictures.
+const BUFFERS: usize = 4;
 /// Minimum time between analysed pictures without markers, seconds.
 const MIN_INTERVAL_SECONDS: f64 = 0.06;
 /// Maximum standard deviation of a latency that is applied, seconds.
@@ -36,9 +36,9 @@ const MAX_SIGMA_SECONDS: f64 = 2e-3;
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct LatencyState {
     /// Active latency, nanoseconds.
-    pub in_force_nanos: i64,
-    /// Measured latency; `None` if it is not measured.
-    pub followed: Option<OffsetState>,
+    pub active_nanos: i64,
+    /// State of the measurement; `None` if the latency is not measured.
+    pub measurement: Option<OffsetState>,
 }
 
 /// A message to the measurement.
@@ -58,7 +58,7 @@ pub(super) struct LatencyMonitor {
     apply: bool,
     mode: Mode,
     last_picture: Option<MonotonicTime>,
-    /// The measured latency to be used, as of the last picture, nanoseconds.
+    /// The measured latency to apply, as of the last picture, nanoseconds.
     requested: Option<i64>,
 }
 
@@ -69,10 +69,10 @@ enum Mode {
 
 struct MonitorThread {
     messages: Option<Sender<Message>>,
-    spares: Receiver<Grey>,
+    buffers: Receiver<Grey>,
     finished: Receiver<()>,
     known: Arc<Mutex<OffsetState>>,
-    /// No message is dropped; frames wait instead.
+    /// Whether frames wait instead of dropping messages.
     lossless: bool,
     thread: Option<JoinHandle<()>>,
 }
@@ -93,7 +93,7 @@ impl LatencyMonitor {
             return Ok(None);
         }
         let apply = wanted == FollowLatency::Apply;
-        let measurement = Measurement::of(MountedCamera::scene_camera(&setup.calibration));
+        let measurement = Measurement::new(MountedCamera::scene_camera(&setup.calibration));
         let mode = if apply && !source.is_live() {
             Mode::SameThread(Box::new(measurement))
         } else {
@@ -143,7 +143,7 @@ impl LatencyMonitor {
         }) {
             return;
         }
-        if let Some(mut small) = self.spare() {
+        if let Some(mut small) = self.buffer() {
             shrink(picture, &mut small);
             self.last_picture = Some(captured_at);
             self.send(Message::Picture(captured_at, small));
@@ -153,26 +153,26 @@ impl LatencyMonitor {
     /// Returns the current estimate.
     pub fn known(&self) -> OffsetState {
         match &self.mode {
-            Mode::SameThread(measurement) => measurement.follower.state(),
+            Mode::SameThread(measurement) => measurement.monitor.state(),
             Mode::MonitorThread(worker) => {
                 *worker.known.lock().unwrap_or_else(PoisonError::into_inner)
             }
         }
     }
 
-    /// Returns the latency to use for pairing, nanoseconds; `None` while none is known well
-    /// enough or where it is only to be reported.
+    /// Returns the latency to use for pairing, nanoseconds; `None` before the first sufficiently
+    /// precise estimate, or if the latency is only reported.
     pub const fn requested_latency(&self) -> Option<i64> {
         self.requested
     }
 
-    /// Returns the latency and what was measured of it. With `is_over`, waits for the estimate
-    /// from all that was sent; a live rig does not wait.
+    /// Returns the active and the measured latency. With `is_over`, waits for the estimate from all
+    /// data sent; a live rig does not wait.
     pub fn state(&mut self, active_nanos: i64, is_over: bool) -> LatencyState {
-        let followed = if is_over { self.finish() } else { self.known() };
+        let measurement = if is_over { self.finish() } else { self.known() };
         LatencyState {
-            in_force_nanos: active_nanos,
-            followed: Some(followed),
+            active_nanos,
+            measurement: Some(measurement),
         }
     }
 
@@ -181,7 +181,7 @@ impl LatencyMonitor {
         Some((measured.filter(|_| self.apply)?.seconds * 1e9) as i64)
     }
 
-    /// Resets the measurement, because time starts again.
+    /// Resets the measurement, because the recording's time starts again.
     pub fn restart(&mut self) {
         self.last_picture = None;
         self.requested = None;
@@ -194,7 +194,7 @@ impl LatencyMonitor {
         if let Mode::MonitorThread(worker) = &self.mode
             && worker.lossless
         {
-            // A thread that has ended has finished, too.
+            // The channel is closed if the thread has ended; there is nothing to wait for then.
             let _ = worker.finished.recv();
         }
         self.known()
@@ -203,20 +203,22 @@ impl LatencyMonitor {
     fn send(&mut self, message: Message) {
         match &mut self.mode {
             Mode::SameThread(measurement) => {
-                measurement.take(message);
+                measurement.process(message);
             }
             Mode::MonitorThread(worker) => worker.send(message),
         }
     }
 
-    /// Returns a buffer for a small picture; `None` if a live rig has all of them in circulation.
-    fn spare(&mut self) -> Option<Grey> {
+    /// Returns a buffer for a small picture; `None` on a live rig while all buffers are in use.
+    fn buffer(&mut self) -> Option<Grey> {
         match &mut self.mode {
-            Mode::SameThread(measurement) => Some(measurement.spare.take().unwrap_or_else(none)),
-            Mode::MonitorThread(worker) if worker.lossless => {
-                Some(worker.spares.try_recv().unwrap_or_else(|_| none()))
+            Mode::SameThread(measurement) => {
+                Some(measurement.recycled.take().unwrap_or_else(empty_grey))
             }
-            Mode::MonitorThread(worker) => worker.spares.try_recv().ok(),
+            Mode::MonitorThread(worker) if worker.lossless => {
+                Some(worker.buffers.try_recv().unwrap_or_else(|_| empty_grey()))
+            }
+            Mode::MonitorThread(worker) => worker.buffers.try_recv().ok(),
         }
     }
 }
@@ -224,9 +226,9 @@ impl LatencyMonitor {
 impl MonitorThread {
     fn start(mut measurement: Measurement, lossless: bool) -> Result<Self, RigError> {
         let (messages, received) = bounded::<Message>(QUEUE_CAPACITY);
-        let (spare, spares) = bounded(PICTURES);
-        for _ in 0..PICTURES {
-            let _ = spare.try_send(none());
+        let (recycle, buffers) = bounded(BUFFERS);
+        for _ in 0..BUFFERS {
+            let _ = recycle.try_send(empty_grey());
         }
         let (done, finished) = bounded(1);
         let known = Arc::new(Mutex::new(OffsetState::default()));
@@ -234,12 +236,12 @@ impl MonitorThread {
         let job = move || {
             for message in received {
                 let finish = matches!(message, Message::Finish);
-                if measurement.take(message) {
+                if measurement.process(message) {
                     *shared.lock().unwrap_or_else(PoisonError::into_inner) =
-                        measurement.follower.state();
+                        measurement.monitor.state();
                 }
-                if let Some(small) = measurement.spare.take() {
-                    let _ = spare.try_send(small);
+                if let Some(small) = measurement.recycled.take() {
+                    let _ = recycle.try_send(small);
                 }
                 if finish {
                     let _ = done.try_send(());
@@ -249,7 +251,7 @@ impl MonitorThread {
         let thread = threads::spawn_background("latency", job);
         Ok(Self {
             messages: Some(messages),
-            spares,
+            buffers,
             finished,
             known,
             lossless,
@@ -257,7 +259,7 @@ impl MonitorThread {
         })
     }
 
-    /// Sends a message. A live rig drops it if the queue is full; later messages replace it.
+    /// Sends a message. A live rig drops it if the queue is full.
     fn send(&self, message: Message) {
         let Some(messages) = &self.messages else {
             return;
@@ -282,43 +284,43 @@ impl Drop for MonitorThread {
 /// The measurement.
 #[derive(Default)]
 struct Measurement {
-    follower: OffsetMonitor,
+    monitor: OffsetMonitor,
     /// The buffer of an analysed picture, to be recycled.
-    spare: Option<Grey>,
+    recycled: Option<Grey>,
 }
 
 impl Measurement {
-    fn of(mounted: Option<MountedCamera>) -> Self {
+    fn new(mounted: Option<MountedCamera>) -> Self {
         Self {
-            follower: OffsetMonitor::new(mounted),
-            spare: None,
+            monitor: OffsetMonitor::new(mounted),
+            recycled: None,
         }
     }
 
     /// Processes a message. Returns whether the estimate was updated.
-    fn take(&mut self, message: Message) -> bool {
+    fn process(&mut self, message: Message) -> bool {
         match message {
-            Message::Reading(at, pose) => self.follower.add_reading(at, pose),
-            Message::Pose(at, rotation) => self.follower.add_pose(at, rotation),
+            Message::Reading(at, pose) => self.monitor.add_reading(at, pose),
+            Message::Pose(at, rotation) => self.monitor.add_pose(at, rotation),
             Message::Picture(at, small) => {
-                self.follower.add_picture(at, &small);
-                self.spare = Some(small);
+                self.monitor.add_picture(at, &small);
+                self.recycled = Some(small);
             }
-            Message::Restart => self.follower.restart(),
+            Message::Restart => self.monitor.restart(),
             Message::Finish => {
-                self.follower.estimate();
+                self.monitor.estimate();
                 return true;
             }
         }
-        let due = self.follower.is_due();
+        let due = self.monitor.is_due();
         if due {
-            self.follower.estimate();
+            self.monitor.estimate();
         }
         due
     }
 }
 
-const fn none() -> Grey {
+const fn empty_grey() -> Grey {
     Grey {
         width: 0,
         height: 0,

@@ -5,31 +5,32 @@ use crate::latency_monitor::LatencyState;
 use crate::report::LatencyReport;
 use penumbra_status::Snapshot;
 
-/// Minimum deviation, in σ, at which the measured latency contradicts the active latency;
-const CONTRADICTS_SIGMA: f64 = 3.0;
-/// minimum deviation in milliseconds. Both must be exceeded.
-const CONTRADICTS_MS: f64 = 4.0;
+/// Minimum deviation of the measured from the active latency that is a contradiction, standard
+/// deviations. [`MIN_DEVIATION_MS`] must be exceeded, too.
+const MIN_DEVIATION_SIGMAS: f64 = 3.0;
+/// Minimum deviation that is a contradiction, milliseconds.
+const MIN_DEVIATION_MS: f64 = 4.0;
 /// Warning of a contradiction.
-const WARNING: &str = "the tracker's latency is another than the one in force (see \
-    pairing.tracker_latency_measured_ms), so virtual objects lag or lead in motion; run `penumbra \
+const WARNING: &str = "the measured tracker latency (pairing.tracker_latency_measured_ms) \
+    differs from the active one, so virtual objects lag or lead in motion; run `penumbra \
     calibrate latency`, or set [sync] follow_latency = \"apply\"";
 
 /// Publishes the latency of a frame.
 pub(super) fn publish(s: &mut Snapshot, prepared: &PreparedFrame) {
     let state = &prepared.counts.latency;
-    let Some(followed) = &state.followed else {
+    let Some(measurement) = &state.measurement else {
         return;
     };
-    let measured = followed.offset;
+    let measured = measurement.offset;
     let now = prepared.frame.captured_at;
     let p = &mut s.pairing;
-    p.tracker_latency_ms = Some(in_force_ms(state));
+    p.tracker_latency_ms = Some(active_ms(state));
     p.tracker_latency_measured_ms = measured.map(|m| m.seconds * 1e3);
     p.tracker_latency_sigma_ms = measured.map(|m| m.sigma * 1e3);
     p.tracker_latency_by = measured.map(|m| m.method.name());
     p.tracker_latency_ago_s = measured.map(|m| now.seconds_since(m.estimated_at).max(0.0));
     // The text is formatted only when the refusal changes.
-    match followed.refusal {
+    match measurement.refusal {
         None => p.tracker_latency_note = None,
         Some(refusal) if !is_text_of(p.tracker_latency_note.as_deref(), &refusal) => {
             p.tracker_latency_note = Some(refusal.to_string());
@@ -46,26 +47,26 @@ pub(super) fn publish(s: &mut Snapshot, prepared: &PreparedFrame) {
 
 /// Returns the latency for the report; `None` if it was not measured.
 pub(super) fn report(state: &LatencyState) -> Option<LatencyReport> {
-    let followed = state.followed?;
-    let measured = followed.offset;
+    let measurement = state.measurement?;
+    let measured = measurement.offset;
     Some(LatencyReport {
-        used_ms: in_force_ms(state),
+        used_ms: active_ms(state),
         measured_ms: measured.map(|m| m.seconds * 1e3),
         sigma_ms: measured.map(|m| m.sigma * 1e3),
         by: measured.map(|m| m.method.name()),
-        note: followed.refusal.map(|refusal| refusal.to_string()),
+        note: measurement.refusal.map(|refusal| refusal.to_string()),
     })
 }
 
-fn in_force_ms(state: &LatencyState) -> f64 {
-    state.in_force_nanos as f64 * 1e-6
+fn active_ms(state: &LatencyState) -> f64 {
+    state.active_nanos as f64 * 1e-6
 }
 
 fn contradicts(state: &LatencyState) -> bool {
-    let measured = state.followed.and_then(|f| f.offset);
+    let measured = state.measurement.and_then(|f| f.offset);
     measured.is_some_and(|m| {
-        let deviation = (m.seconds * 1e3 - in_force_ms(state)).abs();
-        deviation > CONTRADICTS_MS && deviation > CONTRADICTS_SIGMA * m.sigma * 1e3
+        let deviation = (m.seconds * 1e3 - active_ms(state)).abs();
+        deviation > MIN_DEVIATION_MS && deviation > MIN_DEVIATION_SIGMAS * m.sigma * 1e3
     })
 }
 
@@ -92,10 +93,10 @@ mod tests {
     use penumbra_calibration::latency::{LatencyError, OffsetMethod};
     use penumbra_interface::MonotonicTime;
 
-    fn state(in_force_ms: i64, measured_ms: f64, sigma_ms: f64) -> LatencyState {
+    fn state(active_ms: i64, measured_ms: f64, sigma_ms: f64) -> LatencyState {
         LatencyState {
-            in_force_nanos: in_force_ms * 1_000_000,
-            followed: Some(OffsetState {
+            active_nanos: active_ms * 1_000_000,
+            measurement: Some(OffsetState {
                 offset: Some(FilteredOffset {
                     seconds: measured_ms * 1e-3,
                     sigma: sigma_ms * 1e-3,

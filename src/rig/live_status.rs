@@ -39,18 +39,18 @@ pub(super) fn devices(s: &mut Snapshot, live: &Live, rates: &[DeviceRate; 3]) {
 pub(super) fn session(s: &mut Snapshot) {
     let scene = s.devices.iter().find(|d| d.kind == DeviceKind::SceneCamera);
     let trouble = scene.filter(|d| d.state != DeviceState::Streaming);
-    let sentence = match trouble.map(|d| &d.reason) {
+    let description = match trouble.map(|d| &d.reason) {
         None => SessionState::Live.description().to_owned(),
-        Some(Some(reason)) => format!("Live, but no picture comes: {reason}"),
+        Some(Some(reason)) => format!("Live, but no picture arrives: {reason}"),
         Some(None) => "Live; the scene camera is being opened.".to_owned(),
     };
-    if s.session.state != SessionState::Live || s.session.description != sentence {
-        s.session.enter_because(SessionState::Live, &sentence);
+    if s.session.state != SessionState::Live || s.session.description != description {
+        s.session.enter_because(SessionState::Live, &description);
     }
 }
 
-fn write(device: &mut Device, condition: &DeviceStatus, rate: &DeviceRate, now: MonotonicTime) {
-    let state = match condition.state {
+fn write(device: &mut Device, status: &DeviceStatus, rate: &DeviceRate, now: MonotonicTime) {
+    let state = match status.state {
         Captured::Opening => DeviceState::Opening,
         Captured::Streaming => DeviceState::Streaming,
         Captured::Silent => DeviceState::Silent,
@@ -58,34 +58,34 @@ fn write(device: &mut Device, condition: &DeviceStatus, rate: &DeviceRate, now: 
         Captured::Failed { .. } => DeviceState::Failed,
         Captured::Closed => DeviceState::Ended,
     };
-    device.enter(state, condition.reason.as_deref());
-    device.retry_in_ms = match condition.state {
+    device.enter(state, status.reason.as_deref());
+    device.retry_in_ms = match status.state {
         Captured::BackingOff { until } | Captured::Failed { until } => {
             Some((until.seconds_since(now) * 1e3).max(0.0))
         }
         _ => None,
     };
-    device.attempts = condition.attempts;
-    device.losses = condition.losses;
-    device.last_error.clone_from(&condition.last_trouble);
+    device.attempts = status.attempts;
+    device.losses = status.losses;
+    device.last_error.clone_from(&status.last_trouble);
     device.received = match device.kind {
         DeviceKind::Tracker => rate.received,
-        _ => condition.received,
+        _ => status.received,
     };
     device.per_second = rate.per_second;
-    device.last_age_ms = condition.last_at.map(|at| now.seconds_since(at) * 1e3);
-    match &condition.report {
+    device.last_age_ms = status.last_at.map(|at| now.seconds_since(at) * 1e3);
+    match &status.report {
         DeviceReport::None => (),
-        DeviceReport::Camera(report) => camera(device, report, condition),
+        DeviceReport::Camera(report) => camera(device, report, status),
         DeviceReport::Tracker(report) => {
             device.identity = Some(report.identity.clone());
             device.mode = Some(report.protocol.clone());
             device.notes.clear();
             device.notes.extend(report.said.clone());
             device.notes.extend(report.warning.clone());
-            device.dropped = condition.damaged;
-            if condition.bytes > BYTES_FOR_A_RECORD && rate.received == 0 {
-                device.reason = Some(unreadable(&report.protocol, condition.bytes));
+            device.dropped = status.damaged;
+            if status.bytes > BYTES_FOR_A_RECORD && rate.received == 0 {
+                device.reason = Some(unreadable(&report.protocol, status.bytes));
             }
         }
     }
@@ -94,16 +94,16 @@ fn write(device: &mut Device, condition: &DeviceStatus, rate: &DeviceRate, now: 
 /// Message for a tracker whose bytes contain no record of its protocol.
 fn unreadable(protocol: &str, bytes: u64) -> String {
     format!(
-        "{bytes} bytes came, and no record of {protocol} among them; check `protocol` and `baud` \
-         under [tracker], `penumbra devices --probe` asks the tracker"
+        "received {bytes} bytes without a {protocol} record; check `protocol` and `baud` under \
+         [tracker]; `penumbra devices --probe` detects them"
     )
 }
 
-fn camera(device: &mut Device, report: &CameraReport, condition: &DeviceStatus) {
+fn camera(device: &mut Device, report: &CameraReport, status: &DeviceStatus) {
     let counters = report.counters;
     device.identity = Some(report.identity.clone());
     device.dropped = counters.lost
-        + counters.damaged.max(condition.damaged)
+        + counters.damaged.max(status.damaged)
         + counters.superseded
         + counters.unattributed;
     device.mode = report.mode.map(|mode| {
@@ -125,11 +125,11 @@ fn camera(device: &mut Device, report: &CameraReport, condition: &DeviceStatus) 
 const fn stamps(source: StampSource) -> &'static str {
     match source {
         StampSource::StartOfExposure => "stamped at the start of the exposure, monotonic clock",
-        StampSource::FirstBytes => "stamped when its first bytes came, monotonic clock",
+        StampSource::FirstBytes => "stamped at the arrival of the first bytes, monotonic clock",
         StampSource::EndOfFrame => "stamped at the end of the frame, monotonic clock",
         StampSource::Arrival => "not stamped: the time of arrival is used",
         StampSource::WallClock => "stamped on the wall clock, which may jump",
-        StampSource::Recorded => "recorded earlier, shifted to now",
+        StampSource::Recorded => "recorded timestamps, shifted to the current time",
     }
 }
 
@@ -141,7 +141,7 @@ fn control(report: &ControlReport) -> Control {
         status: match &report.standing {
             ControlStanding::Held => "held".to_owned(),
             ControlStanding::Missing => "the camera has no such control".to_owned(),
-            ControlStanding::Adjusted => "the camera took another value".to_owned(),
+            ControlStanding::Adjusted => "the camera set another value".to_owned(),
             ControlStanding::Refused(reason) => format!("refused: {reason}"),
             ControlStanding::Changed => "changed by another program".to_owned(),
         },
@@ -163,7 +163,7 @@ mod tests {
     }
 
     fn tracker(bytes: u64, poses: u64) -> Device {
-        let condition = DeviceStatus {
+        let status = DeviceStatus {
             state: Captured::Streaming,
             bytes,
             received: 9,
@@ -174,7 +174,7 @@ mod tests {
             ..DeviceStatus::default()
         };
         let mut device = Device::new("t", DeviceKind::Tracker);
-        write(&mut device, &condition, &rate(poses), SystemClock.now());
+        write(&mut device, &status, &rate(poses), SystemClock.now());
         device
     }
 
@@ -198,7 +198,7 @@ mod tests {
             in_force: Some(2),
             standing,
         };
-        let condition = DeviceStatus {
+        let status = DeviceStatus {
             state: Captured::BackingOff {
                 until: now.offset_nanos(500_000_000),
             },
@@ -223,7 +223,7 @@ mod tests {
             ..DeviceStatus::default()
         };
         let mut device = Device::new("c", DeviceKind::SceneCamera);
-        write(&mut device, &condition, &rate(0), now);
+        write(&mut device, &status, &rate(0), now);
         assert_eq!(device.state, DeviceState::Retrying);
         assert_eq!((device.losses, device.dropped), (3, 11));
         assert!((device.retry_in_ms.unwrap() - 500.0).abs() < 1e-6);

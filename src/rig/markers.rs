@@ -1,19 +1,20 @@
-//! The pose source of a rig and the map of its markers.
+//! Selects the pose source of a rig and reads the map of its markers.
 
 use crate::error::RigError;
 use penumbra_config::{Config, PoseSource};
 use penumbra_fiducials::{TagMap, UnknownFamily};
 use penumbra_rig_model::Marker;
 
-/// What tells the pose: what the configuration wants, or by itself what the calibration lists.
+/// Returns the configured pose source; with `auto`, the tracker, the markers or both, as far as the
+/// calibration has them.
 pub(super) fn pose_source(
     markers: &[Marker],
-    tracker: bool,
+    has_tracker: bool,
     config: &Config,
 ) -> Result<PoseSource, RigError> {
     let wanted = match config.registration.pose {
         PoseSource::Auto if markers.is_empty() => PoseSource::Tracker,
-        PoseSource::Auto if tracker => PoseSource::Hybrid,
+        PoseSource::Auto if has_tracker => PoseSource::Hybrid,
         PoseSource::Auto => PoseSource::Markers,
         wanted => wanted,
     };
@@ -29,8 +30,8 @@ pub(super) fn pose_source(
     Ok(wanted)
 }
 
-/// The map of the calibration's markers, where the pose is to come by them.
-pub(super) fn wanted_tags(
+/// Returns the map of the calibration's markers if the pose source uses markers.
+pub(super) fn tag_map_for(
     markers: &[Marker],
     pose: PoseSource,
 ) -> Result<Option<TagMap>, RigError> {
@@ -40,7 +41,7 @@ pub(super) fn wanted_tags(
     tag_map(markers).map(Some)
 }
 
-/// The map of a calibration's markers.
+/// Returns the map of a calibration's markers.
 pub(super) fn tag_map(markers: &[Marker]) -> Result<TagMap, RigError> {
     let unknown = |e: UnknownFamily| RigError::Markers {
         reason: e.to_string(),

@@ -6,7 +6,7 @@
 use std::time::{Duration, Instant};
 
 /// Interval at which the line in `systemctl status` is updated.
-const SENTENCE_EVERY: Duration = Duration::from_secs(2);
+const STATUS_EVERY: Duration = Duration::from_secs(2);
 
 /// Sends notifications and remembers when they were sent.
 pub(super) struct Notifier {
@@ -28,9 +28,9 @@ impl Notifier {
         }
     }
 
-    /// Notifies the manager of an iteration of the frame loop. The first one completes the start.
-    /// `sentence` is the line in `systemctl status`.
-    pub fn turn(&mut self, sentence: impl FnOnce() -> String) {
+    /// Notifies the manager of an iteration of the frame loop; the first one reports readiness.
+    /// `status_line` is the line in `systemctl status`.
+    pub fn turn(&mut self, status_line: impl FnOnce() -> String) {
         if !self.ready {
             self.ready = true;
             system::ready();
@@ -40,9 +40,9 @@ impl Notifier {
             self.fed = Some(Instant::now());
             system::feed();
         }
-        if system::listens() && due(self.described, SENTENCE_EVERY) {
+        if system::has_manager() && due(self.described, STATUS_EVERY) {
             self.described = Some(Instant::now());
-            system::describe(&sentence());
+            system::describe(&status_line());
         }
     }
 }
@@ -58,7 +58,7 @@ mod system {
     use sd_notify::{NotifyState, notify};
     use std::time::Duration;
 
-    pub fn listens() -> bool {
+    pub fn has_manager() -> bool {
         std::env::var_os("NOTIFY_SOCKET").is_some()
     }
 
@@ -74,8 +74,8 @@ mod system {
         send(NotifyState::Watchdog);
     }
 
-    pub fn describe(sentence: &str) {
-        send(NotifyState::Status(sentence));
+    pub fn describe(status_line: &str) {
+        send(NotifyState::Status(status_line));
     }
 
     pub fn stopping() {
@@ -85,7 +85,7 @@ mod system {
     /// Sends a notification; a failure is only logged.
     fn send(state: NotifyState<'_>) {
         if let Err(error) = notify(&[state]) {
-            tracing::debug!(%error, "the service manager does not listen");
+            tracing::debug!(%error, "notifying the service manager failed");
         }
     }
 }
@@ -94,7 +94,7 @@ mod system {
 mod system {
     use std::time::Duration;
 
-    pub const fn listens() -> bool {
+    pub const fn has_manager() -> bool {
         false
     }
 

@@ -1,25 +1,25 @@
-//! Keeps the recorded pace.
+//! Replays a recording at its recorded rate, times a factor.
 
 use penumbra_config::ReplaySpeed;
 use penumbra_interface::MonotonicTime;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-/// A frame later than this is left out, so that the picture keeps up with the recording.
-const LATE: Duration = Duration::from_millis(50);
-/// Recorded time that passes between two frames. With more, or with time that goes back,
-/// the recorder's clock has jumped or the recording paused: nobody wants to wait for that.
-const LONGEST_GAP_SECONDS: f64 = 5.0;
-/// How long a wish to stop goes unheard.
-const NAP: Duration = Duration::from_millis(50);
+/// Delay from which a frame is skipped, so that the picture keeps up with the recording.
+const MAX_DELAY: Duration = Duration::from_millis(50);
+/// Maximum recorded time between two frames. A larger or negative difference is a jump of the
+/// recorder's clock or a pause of the recording, and is not replayed.
+const MAX_GAP_SECONDS: f64 = 5.0;
+/// Interval at which a request to stop is checked while waiting.
+const STOP_CHECK_INTERVAL: Duration = Duration::from_millis(50);
 
-/// When each frame is due.
+/// Computes when each frame is due and waits for it.
 pub(super) struct Pace {
     factor: Option<f64>,
-    /// No frame is left out: the picture falls behind the recording instead.
+    /// Whether no frame is skipped; the picture then falls behind the recording.
     keep_all: bool,
-    /// A moment here and the same in the recording.
-    begun: Option<(Instant, MonotonicTime)>,
+    /// The start of the replay: time of this machine and time of the recording.
+    start: Option<(Instant, MonotonicTime)>,
     previous: MonotonicTime,
 }
 
@@ -32,17 +32,17 @@ impl Pace {
         Self {
             factor,
             keep_all,
-            begun: None,
+            start: None,
             previous: MonotonicTime::from_nanos(0),
         }
     }
 
     pub const fn restart(&mut self) {
-        self.begun = None;
+        self.start = None;
     }
 
-    /// Waits until a frame that arrived at `at` is due, or until `stop`; false if it is too
-    /// late for it. Where all are kept it goes on from this one at the recorded pace.
+    /// Waits until a frame that arrived at `at` is due, or until `stop`. Returns false if the frame
+    /// is late and must be skipped. If all frames are kept, a late frame restarts the pace.
     pub fn wait(&mut self, at: MonotonicTime, stop: &AtomicBool) -> bool {
         let now = Instant::now();
         let Some(due) = self.due(at, now) else {
@@ -53,24 +53,24 @@ impl Pace {
             if left.is_zero() {
                 break;
             }
-            std::thread::sleep(left.min(NAP));
+            std::thread::sleep(left.min(STOP_CHECK_INTERVAL));
         }
-        let late = now.saturating_duration_since(due) >= LATE;
-        if late && self.keep_all {
+        let is_late = now.saturating_duration_since(due) >= MAX_DELAY;
+        if is_late && self.keep_all {
             self.restart();
         }
-        !late || self.keep_all
+        !is_late || self.keep_all
     }
 
-    /// When a frame that arrived at `at` is due; `None` if that does not matter.
+    /// Returns when a frame that arrived at `at` is due; `None` at maximum speed.
     fn due(&mut self, at: MonotonicTime, now: Instant) -> Option<Instant> {
         let factor = self.factor?;
         let step = at.seconds_since(self.previous);
         self.previous = at;
-        if !(0.0..=LONGEST_GAP_SECONDS).contains(&step) {
-            self.begun = None;
+        if !(0.0..=MAX_GAP_SECONDS).contains(&step) {
+            self.start = None;
         }
-        let (start, first) = *self.begun.get_or_insert((now, at));
+        let (start, first) = *self.start.get_or_insert((now, at));
         Some(start + Duration::from_secs_f64(at.seconds_since(first) / factor))
     }
 }
@@ -84,7 +84,7 @@ mod tests {
     }
 
     #[test]
-    fn frames_are_due_at_the_recorded_distances_times_the_factor() {
+    fn frames_are_due_at_recorded_intervals_divided_by_the_factor() {
         let (mut pace, now) = (Pace::new(ReplaySpeed::Factor(2.0), false), Instant::now());
         assert_eq!(pace.due(at(0), now), Some(now));
         assert_eq!(pace.due(at(40), now), Some(now + Duration::from_millis(20)));
@@ -96,7 +96,7 @@ mod tests {
     }
 
     #[test]
-    fn after_a_jump_of_the_clock_the_pace_begins_anew() {
+    fn clock_jump_restarts_the_pace() {
         let (mut pace, start) = (Pace::new(ReplaySpeed::Factor(1.0), false), Instant::now());
         pace.due(at(0), start);
         let later = start + Duration::from_secs(3);
@@ -108,25 +108,25 @@ mod tests {
     }
 
     #[test]
-    fn late_frames_are_left_out_and_a_stop_ends_the_wait() {
+    fn late_frames_are_skipped_and_a_stop_request_ends_the_wait() {
         let mut pace = Pace::new(ReplaySpeed::Factor(1.0), false);
         let (go, stop) = (AtomicBool::new(false), AtomicBool::new(true));
-        pace.begun = Some((Instant::now() - Duration::from_secs(1), at(0)));
+        pace.start = Some((Instant::now() - Duration::from_secs(1), at(0)));
         pace.previous = at(0);
         assert!(!pace.wait(at(10), &go));
-        // Due in four seconds; a test that waited for it would be seen to.
+        // Due in four seconds; the stop request must end the wait.
         assert!(pace.wait(at(5000), &stop));
     }
 
     #[test]
-    fn where_all_are_kept_late_frames_are_played_late() {
+    fn keep_all_plays_late_frames_late() {
         let mut pace = Pace::new(ReplaySpeed::Factor(1.0), true);
         let go = AtomicBool::new(false);
         let second_ago = Instant::now() - Duration::from_secs(1);
-        pace.begun = Some((second_ago, at(0)));
+        pace.start = Some((second_ago, at(0)));
         pace.previous = at(0);
         assert!(pace.wait(at(10), &go));
-        // What follows comes at the recorded distance again, and is not hurried.
+        // Later frames follow at the recorded intervals again.
         let now = Instant::now();
         assert_eq!(pace.due(at(20), now), Some(now));
         assert_eq!(pace.due(at(50), now), Some(now + Duration::from_millis(30)));

@@ -29,35 +29,36 @@ const POLL_EVERY: Duration = Duration::from_millis(100);
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Fit {
     /// It fits, after its motion.
-    Right,
+    Exact,
     /// It fits approximately after its motion, because real objects have not moved with the model.
-    Nearly,
+    Approximate,
     /// It belongs to another scene.
-    Not,
+    None,
 }
 
-/// The bake that is shown.
+/// The active bake.
 struct ActivePlanes {
     baked: Baked,
     world_from_bake: RigidTransform,
     /// The scene that it was last compared with, and how well it fits.
-    fits: (Arc<Scene>, Fit),
+    fit: (Arc<Scene>, Fit),
 }
 
-/// The bakes of a run; see the module.
+/// The bakes of a run.
 #[derive(Default)]
 pub(super) struct PlaneBakes {
     status: PlanesStatus,
-    working: Option<Baking>,
+    /// The bake in progress.
+    baking: Option<Baking>,
     /// Cancelled bakes whose threads may still run.
     retired: Vec<Baking>,
-    in_force: Option<ActivePlanes>,
+    active: Option<ActivePlanes>,
     /// A scene whose bake failed, and the reason.
     failed: Option<(Arc<Scene>, String)>,
 }
 
 impl PlaneBakes {
-    /// Status of the planes.
+    /// Returns the status of the planes.
     pub const fn status(&self) -> &PlanesStatus {
         &self.status
     }
@@ -65,8 +66,8 @@ impl PlaneBakes {
     /// Returns how to render a frame of `scene` with `settings`; `None` if planes are not the
     /// technique or have no bake of the scene.
     pub fn choice(&self, settings: &Settings, scene: &Arc<Scene>) -> Option<PlanesChoice> {
-        let wanted = settings.technique == Technique::ShadowingPlanes && self.shows(scene);
-        wanted.then_some(PlanesChoice {
+        let is_used = settings.technique == Technique::ShadowingPlanes && self.fits(scene);
+        is_used.then_some(PlanesChoice {
             thresholds: Thresholds {
                 skip_below: settings.planes_skip_below,
                 recompute_above: settings.planes_recompute_above,
@@ -75,16 +76,17 @@ impl PlaneBakes {
         })
     }
 
-    /// Rotation of the light dome, which is that of the model.
-    pub fn turn(&self) -> DQuat {
-        self.in_force
+    /// Returns the rotation of the light dome, which is that of the model.
+    pub fn dome_rotation(&self) -> DQuat {
+        self.active
             .as_ref()
-            .map_or(DQuat::IDENTITY, |f| f.world_from_bake.rotation)
+            .map_or(DQuat::IDENTITY, |a| a.world_from_bake.rotation)
     }
 
-    fn shows(&self, scene: &Arc<Scene>) -> bool {
-        let fits = |f: &ActivePlanes| f.fits.1 != Fit::Not && Arc::ptr_eq(&f.fits.0, scene);
-        self.in_force.as_ref().is_some_and(fits)
+    /// Returns whether the active bake fits `scene`.
+    fn fits(&self, scene: &Arc<Scene>) -> bool {
+        let fits = |a: &ActivePlanes| a.fit.1 != Fit::None && Arc::ptr_eq(&a.fit.0, scene);
+        self.active.as_ref().is_some_and(fits)
     }
 
     /// Obtains the bake of `wanted`, the newest scene, and returns whether that scene may replace
@@ -93,7 +95,7 @@ impl PlaneBakes {
     ///
     /// # Errors
     /// The first bake of a recording fails, or the system cannot start a thread.
-    pub fn attend(
+    pub fn update(
         &mut self,
         context: &RunContext,
         settings: &Settings,
@@ -104,60 +106,60 @@ impl PlaneBakes {
             self.status.state = PlanesState::Off;
             return Ok(true);
         }
-        if let Some(mover) = wanted.motions.parts.first() {
-            self.refuse(wanted, mover.index);
+        if let Some(part) = wanted.motions.parts.first() {
+            self.refuse(wanted, part.index);
             return Ok(true);
         }
-        let first = self.in_force.is_none() && self.failed.is_none();
+        let first = self.active.is_none() && self.failed.is_none();
         let wait = first && !context.source.is_live();
         loop {
             if self.has_failed(wanted) {
-                self.status.state = self.settled(wanted);
+                self.status.state = self.settled_state(wanted);
                 return Ok(true);
             }
-            let fit = self.fit(wanted, compositor);
-            if fit == Fit::Right {
+            let fit = self.fit_to(wanted, compositor);
+            if fit == Fit::Exact {
                 self.retire();
-                self.status.state = self.settled(wanted);
+                self.status.state = self.settled_state(wanted);
                 return Ok(true);
             }
-            self.work(context, wanted, compositor)?;
+            self.start_bake(context, wanted, compositor)?;
             let timeout = if wait { POLL_EVERY } else { Duration::ZERO };
-            if self.look(timeout, wait, compositor)? {
+            if self.take_finished(timeout, wait, compositor)? {
                 continue;
             }
             if !wait || context.is_shutting_down() {
-                return Ok(fit == Fit::Nearly || !self.shows(shown));
+                return Ok(fit == Fit::Approximate || !self.fits(shown));
             }
             context.status.update(|s| s.planes.clone_from(&self.status));
         }
     }
 
-    /// Returns how well the active bake fits `wanted`, and moves it if a motion suffices. A bake that
-    /// does not fit stays in place for the scene that is shown.
-    fn fit(&mut self, wanted: &Arc<Scene>, compositor: &mut Compositor) -> Fit {
-        let Some(force) = &mut self.in_force else {
-            return Fit::Not;
+    /// Returns how well the active bake fits `wanted`, and moves it if a motion suffices. A bake
+    /// that does not fit stays in place for the scene that is shown.
+    fn fit_to(&mut self, wanted: &Arc<Scene>, compositor: &mut Compositor) -> Fit {
+        let Some(active) = &mut self.active else {
+            return Fit::None;
         };
-        if Arc::ptr_eq(&force.fits.0, wanted) {
-            return force.fits.1;
+        if Arc::ptr_eq(&active.fit.0, wanted) {
+            return active.fit.1;
         }
-        // Its bake is in progress, so the active bake was found not to fit.
-        if let Some(working) = &self.working
-            && Arc::ptr_eq(&working.scene, wanted)
+        // The bake of `wanted` is in progress, so the active bake was found not to fit.
+        if let Some(baking) = &self.baking
+            && Arc::ptr_eq(&baking.scene, wanted)
         {
-            return Fit::Not;
+            return Fit::None;
         }
-        let (motion, fit) = match Change::between(&force.baked.scene, wanted) {
-            Change::Looks => (RigidTransform::IDENTITY, Fit::Right),
+        let (motion, fit) = match Change::between(&active.baked.scene, wanted) {
+            Change::Looks => (RigidTransform::IDENTITY, Fit::Exact),
             Change::Moved { new_from_old } if shadows_move_along(wanted, new_from_old) => {
-                (new_from_old, Fit::Right)
+                (new_from_old, Fit::Exact)
             }
-            Change::Moved { new_from_old } => (new_from_old, Fit::Nearly),
-            Change::Shapes => return Fit::Not,
+            Change::Moved { new_from_old } => (new_from_old, Fit::Approximate),
+            Change::Shapes => return Fit::None,
         };
-        force.fits = (wanted.clone(), fit);
-        force.world_from_bake = motion;
+        active.fit = (wanted.clone(), fit);
+        active.world_from_bake = motion;
         compositor.move_planes(motion);
         fit
     }
@@ -177,17 +179,18 @@ impl PlaneBakes {
             tracing::warn!("shadowing planes: {reason}; the light dome casts the shadows");
             self.failed = Some((scene.clone(), reason));
         }
-        self.status.state = self.settled(scene);
+        self.status.state = self.settled_state(scene);
     }
 
     fn has_failed(&self, scene: &Arc<Scene>) -> bool {
         let failed = self.failed.as_ref();
-        failed.is_some_and(|(of, _)| Arc::ptr_eq(of, scene))
+        failed.is_some_and(|(failed, _)| Arc::ptr_eq(failed, scene))
     }
 
-    fn settled(&self, scene: &Arc<Scene>) -> PlanesState {
+    /// Returns the state of a scene whose bake is neither needed nor in progress.
+    fn settled_state(&self, scene: &Arc<Scene>) -> PlanesState {
         match &self.failed {
-            Some((of, reason)) if Arc::ptr_eq(of, scene) => PlanesState::Failed {
+            Some((failed, reason)) if Arc::ptr_eq(failed, scene) => PlanesState::Failed {
                 reason: reason.clone(),
             },
             _ => PlanesState::Ready,
@@ -195,64 +198,68 @@ impl PlaneBakes {
     }
 
     /// Starts the bake of `scene` if it is not in progress.
-    fn work(
+    fn start_bake(
         &mut self,
         context: &RunContext,
         scene: &Arc<Scene>,
         compositor: &Compositor,
     ) -> Result<(), RigError> {
-        let is_in_progress = |w: &Baking| Arc::ptr_eq(&w.scene, scene);
-        if self.working.as_ref().is_none_or(|w| !is_in_progress(w)) {
+        let is_in_progress = |b: &Baking| Arc::ptr_eq(&b.scene, scene);
+        if self.baking.as_ref().is_none_or(|b| !is_in_progress(b)) {
             self.retire();
-            let before = self.in_force.as_ref().and_then(ActivePlanes::to_build_on);
+            let reusable = self.active.as_ref().and_then(ActivePlanes::reusable);
             let config = &context.config.planes;
-            let working = Baking::start(compositor.gpu(), scene, config, before)?;
-            self.working = Some(working);
+            let baking = Baking::start(compositor.gpu(), scene, config, reusable)?;
+            self.baking = Some(baking);
         }
         Ok(())
     }
 
     /// Cancels the bake in progress without waiting for its thread.
     fn retire(&mut self) {
-        self.retired.retain(|w| !w.is_over());
-        if let Some(working) = self.working.take() {
-            working.end();
-            self.retired.push(working);
+        self.retired.retain(|b| !b.is_over());
+        if let Some(baking) = self.baking.take() {
+            baking.end();
+            self.retired.push(baking);
         }
     }
 
-    /// Takes a finished bake, waiting up to `timeout`. Returns whether a bake finished or failed.
-    fn look(
+    /// Activates a finished bake, waiting up to `timeout`. Returns whether a bake finished or
+    /// failed.
+    ///
+    /// # Errors
+    /// The bake failed, and `strict`.
+    fn take_finished(
         &mut self,
         timeout: Duration,
         strict: bool,
         compositor: &mut Compositor,
     ) -> Result<bool, RigError> {
-        let Some(working) = &self.working else {
+        let Some(baking) = &self.baking else {
             return Ok(false);
         };
-        match working.result.recv_timeout(timeout) {
+        match baking.result.recv_timeout(timeout) {
             Err(RecvTimeoutError::Timeout) => {
-                self.status.state = working.state();
+                self.status.state = baking.state();
                 return Ok(false);
             }
-            Ok(Ok(obtained)) => self.put(obtained, compositor),
+            Ok(Ok(obtained)) => self.activate(obtained, compositor),
             Ok(Err(error)) if strict => return Err(error),
             Ok(Err(error)) => self.fail(error.to_string()),
             Err(RecvTimeoutError::Disconnected) => {
                 self.fail("the baking thread ended early".to_owned());
             }
         }
-        self.working = None;
+        self.baking = None;
         Ok(true)
     }
 
-    fn put(&mut self, obtained: Obtained, compositor: &mut Compositor) {
-        self.describe(&obtained);
+    fn activate(&mut self, obtained: Obtained, compositor: &mut Compositor) {
+        self.report(&obtained);
         compositor.show_planes(obtained.stage);
         self.failed = None;
-        self.in_force = Some(ActivePlanes {
-            fits: (obtained.baked.scene.clone(), Fit::Right),
+        self.active = Some(ActivePlanes {
+            fit: (obtained.baked.scene.clone(), Fit::Exact),
             baked: obtained.baked,
             world_from_bake: RigidTransform::IDENTITY,
         });
@@ -260,18 +267,18 @@ impl PlaneBakes {
 
     fn fail(&mut self, reason: String) {
         tracing::warn!("shadowing planes: {reason}; the light dome casts the shadows");
-        if let Some(working) = &self.working {
+        if let Some(baking) = &self.baking {
             // A moved bake that fits approximately is not shown either.
-            if let Some(force) = &mut self.in_force
-                && Arc::ptr_eq(&force.fits.0, &working.scene)
+            if let Some(active) = &mut self.active
+                && Arc::ptr_eq(&active.fit.0, &baking.scene)
             {
-                force.fits.1 = Fit::Not;
+                active.fit.1 = Fit::None;
             }
-            self.failed = Some((working.scene.clone(), reason));
+            self.failed = Some((baking.scene.clone(), reason));
         }
     }
 
-    fn describe(&mut self, obtained: &Obtained) {
+    fn report(&mut self, obtained: &Obtained) {
         let bake = &obtained.baked.bake;
         let (lit, all) = bake.counts();
         self.status.planes = bake.planes.len() as u32;
@@ -304,7 +311,7 @@ impl PlaneBakes {
 impl ActivePlanes {
     /// Returns the bake in its current position, for reuse in a scene that has changed partly. A
     /// rotated bake has rotated lights, too, and cannot be reused.
-    fn to_build_on(&self) -> Option<Baked> {
+    fn reusable(&self) -> Option<Baked> {
         let RigidTransform {
             rotation,
             translation,
@@ -320,15 +327,15 @@ impl ActivePlanes {
             planes: self.baked.bake.planes.iter().map(moved).collect(),
             ..(*self.baked.bake).clone()
         };
-        (self.fits.1 == Fit::Right).then(|| Baked {
-            scene: self.fits.0.clone(),
+        (self.fit.1 == Fit::Exact).then(|| Baked {
+            scene: self.fit.0.clone(),
             bake: Arc::new(bake),
         })
     }
 }
 
-/// Returns whether all shadows of `scene` move with its model: the real scene is level ground alone,
-/// and the model has stayed upright on it.
+/// Returns whether all shadows of `scene` move with its model: the real scene is level ground
+/// alone, and the model has stayed upright on it.
 fn shadows_move_along(scene: &Scene, motion: RigidTransform) -> bool {
     is_level(motion) && solid_phantoms(scene).next().is_none()
 }

@@ -1,4 +1,4 @@
-//! The scene camera's poses as a file, a line for each picture.
+//! Writes the scene camera's poses to a CSV file, one line per picture.
 
 use crate::error::RigError;
 use crate::frame::PreparedFrame;
@@ -8,9 +8,8 @@ use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
 
-/// What the columns are: `world_from_camera` (metres, OpenCV's axes; a unit quaternion), empty
-/// where no pose is known; then the same for the instant that the picture is seen at, empty
-/// where it is not shown for that.
+/// Columns: `world_from_camera` (metres, OpenCV's axes; a unit quaternion), empty without a pose;
+/// then the pose predicted for the instant at which the picture is seen, empty without prediction.
 const HEADER: &str = "picture,captured_ns,x,y,z,qw,qx,qy,qz,source,answer,sigma_mm,sigma_deg,\
                       sigma_px,shown_ns,shown_x,shown_y,shown_z,shown_qw,shown_qx,shown_qy,\
                       shown_qz,shown_sigma_mm,shown_sigma_deg,shown_sigma_px";
@@ -22,13 +21,13 @@ pub(super) struct PoseFile {
 }
 
 impl PoseFile {
-    /// Begins it.
+    /// Creates the file and writes its header.
     ///
     /// # Errors
-    /// It is there, and may not be replaced; it cannot be written.
+    /// The file exists and `force` is false, or it cannot be written.
     pub fn create(path: &Path, force: bool) -> Result<Self, RigError> {
         if !force && path.exists() {
-            return Err(RigError::PosesThere { path: path.into() });
+            return Err(RigError::PosesFileExists { path: path.into() });
         }
         let file = File::create(path).map_err(|source| OutputError::Write {
             path: path.into(),
@@ -42,45 +41,45 @@ impl PoseFile {
         Ok(poses)
     }
 
-    /// The pose that a picture was composed by.
+    /// Writes the pose with which a picture was composed.
     ///
     /// # Errors
-    /// It cannot be written.
+    /// The file cannot be written.
     pub fn write(&mut self, prepared: &PreparedFrame) -> Result<(), RigError> {
         let frame = &prepared.frame;
         let registration = &prepared.registration;
-        let answer = crate::status::answer(frame.pose.as_ref()).name();
+        let answer = crate::status::pose_answer(frame.pose.as_ref()).name();
         self.put(|file| {
             write!(file, "{},{}", prepared.index, frame.captured_at.as_nanos())?;
             write_pose(file, prepared.world_from_camera)?;
             write!(file, ",{},{answer}", registration.source.name())?;
             let r = registration;
             write_sigmas(file, [r.sigma_mm, r.sigma_deg, r.sigma_px])?;
-            match prepared.shown {
-                Some(shown) => write!(file, ",{}", shown.at.as_nanos())?,
+            match prepared.display {
+                Some(display) => write!(file, ",{}", display.at.as_nanos())?,
                 None => write!(file, ",")?,
             }
             let display = registration.display.unwrap_or_default();
-            write_pose(file, prepared.shown.map(|s| s.world_from_camera))?;
+            write_pose(file, prepared.display.map(|d| d.world_from_camera))?;
             let sigmas = [display.sigma_mm, display.sigma_deg, display.sigma_px];
             write_sigmas(file, sigmas)?;
             writeln!(file)
         })
     }
 
-    /// The last line is on the disk.
+    /// Writes buffered lines to the disk.
     ///
     /// # Errors
-    /// It cannot be written.
+    /// The file cannot be written.
     pub fn finish(mut self) -> Result<(), RigError> {
         self.put(Write::flush)
     }
 
     fn put(
         &mut self,
-        what: impl FnOnce(&mut BufWriter<File>) -> std::io::Result<()>,
+        write: impl FnOnce(&mut BufWriter<File>) -> std::io::Result<()>,
     ) -> Result<(), RigError> {
-        Ok(what(&mut self.file).map_err(|source| OutputError::Write {
+        Ok(write(&mut self.file).map_err(|source| OutputError::Write {
             path: self.path.clone(),
             source,
         })?)

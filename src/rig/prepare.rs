@@ -1,8 +1,8 @@
-//! Makes frames ready for the compositor, one ahead of it, on a thread of its own: bytes
-//! become pictures, environment pictures become light. The way through is the same whoever
-//! waits for it, so the same recording gives the same pictures.
+//! Prepares frames for the compositor, one frame ahead of it, on its own thread: decodes the
+//! picture, finds the camera's pose and requests the frame's light. The result does not depend on
+//! the consumer's timing, so the same recording gives the same pictures.
 
-use crate::display::{Display, DisplayLatency};
+use crate::display::{DisplayLatency, DisplayPredictor};
 use crate::error::RigError;
 use crate::feed::{Feed, JournaledFrame};
 use crate::frame::{Counts, PreparedFrame};
@@ -15,7 +15,7 @@ use crate::light::updates::SceneUpdates;
 use crate::light::view::SphereAt;
 use crate::light::worker::LightUpdater;
 use crate::pace::Pace;
-use crate::registration::{ByTracker, TagRegistration};
+use crate::registration::{TagRegistration, TrackerEstimate};
 use crate::settings::pairing_config;
 use crate::setup::RigSetup;
 use crate::setup::TRACKER_NOISE;
@@ -38,143 +38,148 @@ use std::thread::JoinHandle;
 use std::time::Instant;
 use tokio::sync::watch;
 
-/// Pictures further apart than this do not tell how the camera moves, seconds.
-const LONGEST_STEP: f64 = 0.2;
-/// Half the time over which a tracker tells it, nanoseconds: longer than a picture is read.
+/// Maximum time between two pictures whose poses determine the camera's motion, seconds.
+const MAX_PICTURE_INTERVAL: f64 = 0.2;
+/// Half the time span over which the tracker measures the camera's motion, nanoseconds. The span is
+/// longer than a typical readout of a picture.
 const MOTION_NANOS: i64 = 10_000_000;
-/// Frames that may wait for the compositor.
-const AHEAD: usize = 1;
+/// Maximum number of frames that wait for the compositor.
+const MAX_FRAMES_AHEAD: usize = 1;
 
-/// What comes next.
+/// One step of the preparation.
 pub enum PreparationEvent {
-    /// A frame.
+    /// A prepared frame.
     Frame(Box<PreparedFrame>),
-    /// It was too late for one.
+    /// A frame was skipped because it was late.
     Skipped,
-    /// A picture that cannot be decoded.
+    /// A picture could not be decoded.
     Damaged,
-    /// No device has sent a picture for a while.
+    /// No camera has delivered a picture for a while.
     Idle(Box<Counts>),
-    /// The recording is over; another loop may follow.
+    /// The recording has ended; another loop may follow.
     End(Box<Counts>),
 }
 
-/// What the preparation is told while it runs.
+/// Inputs that change while the preparation runs.
 pub(super) struct PreparationInputs {
-    /// Settings that are wished.
-    pub wished: watch::Receiver<Settings>,
-    /// Scenes that have changed.
-    pub news: SceneUpdates,
-    /// How long pictures take to the window.
-    pub handing: Arc<DisplayLatency>,
+    /// Settings requested by the dashboard.
+    pub requested: watch::Receiver<Settings>,
+    /// Changes of the scene.
+    pub scene_updates: SceneUpdates,
+    /// Time from a picture's arrival to the window.
+    pub display_latency: Arc<DisplayLatency>,
 }
 
-/// The thread, and the way to it. Dropping it ends the thread.
+/// Handle of the preparation thread. Dropping it ends the thread.
 pub struct Preparation {
     steps: Option<Receiver<PreparationEvent>>,
-    /// Says that the next step is waited for, to a rig that makes none sooner.
-    wants: Option<Sender<()>>,
-    spare: Sender<Picture>,
+    /// Requests the next step; a live rig prepares only on request.
+    requests: Option<Sender<()>>,
+    recycled: Sender<Picture>,
     thread: Option<JoinHandle<()>>,
 }
 
 impl Preparation {
-    /// Starts on the recording's first frame. `stop` ends waits for a frame's time.
+    /// Starts with the first frame. `stop` interrupts the wait for a recorded frame's time.
     ///
     /// # Errors
-    /// A light station that cannot be built; no thread to be had.
+    /// The light estimator cannot be created, or the system cannot start a thread.
     pub fn start(
         setup: &RigSetup,
         config: &Config,
         source: &Source,
-        wished: watch::Receiver<Settings>,
+        requested: watch::Receiver<Settings>,
         stop: Arc<AtomicBool>,
     ) -> Result<Self, RigError> {
-        let told = PreparationInputs {
-            wished,
-            news: SceneUpdates::default(),
-            handing: Arc::default(),
+        let inputs = PreparationInputs {
+            requested,
+            scene_updates: SceneUpdates::default(),
+            display_latency: Arc::default(),
         };
-        Self::start_with(setup, config, source, told, stop)
+        Self::start_with(setup, config, source, inputs, stop)
     }
 
-    /// The same, told of more while it runs.
+    /// As [`Self::start`], with scene updates and the measured display latency.
     pub(super) fn start_with(
         setup: &RigSetup,
         config: &Config,
         source: &Source,
-        told: PreparationInputs,
+        inputs: PreparationInputs,
         stop: Arc<AtomicBool>,
     ) -> Result<Self, RigError> {
         let PreparationInputs {
-            wished,
-            news,
-            handing,
-        } = told;
-        let as_live = as_live(config, source);
+            requested,
+            scene_updates,
+            display_latency,
+        } = inputs;
+        let as_live = pairs_as_live(config, source);
         let pairing = pairing(config, setup, as_live);
-        let ahead = if source.is_live() { 0 } else { AHEAD };
-        let (steps_in, steps) = bounded(ahead);
-        let (spare, spares) = bounded(AHEAD + 2);
-        let (wants, wanted) = bounded(1);
+        let ahead = if source.is_live() {
+            0
+        } else {
+            MAX_FRAMES_AHEAD
+        };
+        let (step_sender, steps) = bounded(ahead);
+        let (recycled, recycled_pictures) = bounded(MAX_FRAMES_AHEAD + 2);
+        let (requests, request_receiver) = bounded(1);
         let registration = &config.registration;
-        let middle = crate::registration::middle(&setup.scene, setup.tags.as_ref());
+        let centre = crate::registration::scene_centre(&setup.scene, setup.tags.as_ref());
         let mut worker = Worker {
             display: (registration.predict == Predict::Display).then(|| {
-                let handing = source.is_live().then_some(handing);
-                Display::new(setup, config, middle, handing)
+                let latency = source.is_live().then_some(display_latency);
+                DisplayPredictor::new(setup, config, centre, latency)
             }),
-            lights: lights(setup, config, source, wished, news)?,
+            lights: light_scheduler(setup, config, source, requested, scene_updates)?,
             feed: Feed::new(source, &setup.calibration, pairing, as_live),
             latency: LatencyMonitor::start(setup, config, source, pairing.station)?,
             journal: Journal::new(source),
             tags: TagRegistration::new(setup, registration.row_seconds),
             row_seconds: registration.row_seconds,
             last_pose: None,
-            middle,
+            centre,
             setup: setup.clone(),
             pairing,
             yuv: config.input.encoding(),
-            // Files hold every frame of the recording.
+            // An output folder receives every frame of the recording.
             pace: (!source.is_live())
                 .then(|| Pace::new(config.replay.speed, config.output.frames.is_some())),
             repeat: config.replay.repeat && !source.is_live(),
-            steps: steps_in,
-            wanted: source.is_live().then_some(wanted),
-            spares,
+            steps: step_sender,
+            requests: source.is_live().then_some(request_receiver),
+            recycled: recycled_pictures,
             stop,
-            began: None,
+            first_captured_at: None,
         };
         let thread = threads::spawn("prepare", move || worker.run())
             .map_err(|source| RigError::Thread { source })?;
         Ok(Self {
             steps: Some(steps),
-            wants: Some(wants),
-            spare,
+            requests: Some(requests),
+            recycled,
             thread: Some(thread),
         })
     }
 
     /// Waits for the next step; `None` after the last.
     pub fn next(&self) -> Option<PreparationEvent> {
-        if let Some(wants) = &self.wants {
-            // Said already, or nobody listens.
-            let _ = wants.try_send(());
+        if let Some(requests) = &self.requests {
+            // Fails if a request is pending or the thread has ended.
+            let _ = requests.try_send(());
         }
         self.steps.as_ref()?.recv().ok()
     }
 
-    /// Gives a picture's memory back.
+    /// Returns a picture's buffer for reuse.
     pub fn give_back(&self, picture: Picture) {
-        // Nobody waits for spare memory; too much of it is dropped.
-        let _ = self.spare.try_send(picture);
+        // If enough buffers wait for reuse, this one is dropped.
+        let _ = self.recycled.try_send(picture);
     }
 }
 
 impl Drop for Preparation {
     fn drop(&mut self) {
         self.steps = None;
-        self.wants = None;
+        self.requests = None;
         if let Some(thread) = self.thread.take() {
             let _ = thread.join();
         }
@@ -183,15 +188,15 @@ impl Drop for Preparation {
 
 struct Worker {
     setup: RigSetup,
-    /// Looks for fiducials, where the rig has a use for them.
+    /// Registration by fiducials, if the rig uses them.
     tags: Option<TagRegistration>,
-    /// Looks ahead to when a picture is seen, where that is wished.
-    display: Option<Display>,
-    /// What the virtual objects stand about, world, metres.
-    middle: DVec3,
-    /// From one row of the scene camera to the next.
+    /// Predicts the pose at the instant of display, if configured.
+    display: Option<DisplayPredictor>,
+    /// Centre of the virtual objects, world, metres.
+    centre: DVec3,
+    /// Readout time from one row of the scene camera to the next, seconds.
     row_seconds: f64,
-    /// The picture before, where its pose tells how the camera moves.
+    /// Time and pose of the previous picture, for the camera's motion.
     last_pose: Option<(MonotonicTime, RigidTransform)>,
     lights: LightScheduler,
     feed: Feed,
@@ -200,29 +205,29 @@ struct Worker {
     journal: Journal,
     pairing: PairingConfig,
     yuv: YuvEncoding,
-    /// Devices have a pace of their own.
+    /// Paces a recording; `None` for live devices.
     pace: Option<Pace>,
     repeat: bool,
     steps: Sender<PreparationEvent>,
-    /// A live picture is chosen when the compositor is free for it, so that it is the newest
-    /// and has not grown old behind another.
-    wanted: Option<Receiver<()>>,
-    spares: Receiver<Picture>,
+    /// Requests of the compositor: a live picture is chosen only when the compositor is free, so
+    /// that it is the newest one.
+    requests: Option<Receiver<()>>,
+    recycled: Receiver<Picture>,
     stop: Arc<AtomicBool>,
-    began: Option<MonotonicTime>,
+    first_captured_at: Option<MonotonicTime>,
 }
 
 impl Worker {
-    /// Until the end, or until nobody takes frames any more.
+    /// Prepares frames until the source ends or [`Preparation`] is dropped.
     fn run(&mut self) {
         loop {
-            self.began = None;
+            self.first_captured_at = None;
             if let Some(pace) = &mut self.pace {
                 pace.restart();
             }
             loop {
-                let free = self.wanted.as_ref().map(Receiver::recv);
-                if free.is_some_and(|free| free.is_err()) {
+                let request = self.requests.as_ref().map(Receiver::recv);
+                if request.is_some_and(|request| request.is_err()) {
                     return;
                 }
                 let step = match self.feed.next_picture(self.latency.as_mut()) {
@@ -235,11 +240,11 @@ impl Worker {
                 }
             }
             let counts = self.counts(true);
-            let over = self
+            let is_dropped = self
                 .steps
                 .send(PreparationEvent::End(Box::new(counts)))
                 .is_err();
-            if over || !self.repeat || counts.feed.scene_frames == 0 {
+            if is_dropped || !self.repeat || counts.feed.scene_frames == 0 {
                 return;
             }
             self.feed.rewind(self.pairing);
@@ -259,8 +264,8 @@ impl Worker {
             latency: match &mut self.latency {
                 Some(monitor) => monitor.state(active_nanos, is_over),
                 None => LatencyState {
-                    in_force_nanos: active_nanos,
-                    followed: None,
+                    active_nanos,
+                    measurement: None,
                 },
             },
         }
@@ -272,63 +277,64 @@ impl Worker {
             skipped,
             entry,
         } = journaled;
-        let first = *self.began.get_or_insert(frame.captured_at);
+        let first = *self.first_captured_at.get_or_insert(frame.captured_at);
         if let Some(pace) = &mut self.pace
             && !pace.wait(frame.scene.arrived_at, &self.stop)
         {
             return PreparationEvent::Skipped;
         }
         let begun = Instant::now();
-        let mut picture = self.spares.try_recv().unwrap_or_default();
+        let mut picture = self.recycled.try_recv().unwrap_or_default();
         if decode_into(&frame.scene, &self.yuv, &mut picture).is_err() {
             return PreparationEvent::Damaged;
         }
         let decoding = begun.elapsed();
-        let misfit = self.misfit(&picture);
+        let mismatch = self.size_mismatch(&picture);
         let world_from_camera = self
             .setup
             .world_from_camera(&frame)
-            .filter(|_| misfit.is_none());
+            .filter(|_| mismatch.is_none());
         let seconds = frame.captured_at.seconds_since(first);
-        let (world_from_camera, ball, mut registration) =
-            self.register(&picture, &frame, world_from_camera, misfit.is_none());
+        let (world_from_camera, sphere, mut registration) =
+            self.register(&picture, &frame, world_from_camera, mismatch.is_none());
         let (setup, tracker) = (&self.setup, self.feed.tracker());
-        let shown = self.display.as_mut().and_then(|display| {
-            display.predict(setup, tracker, &frame, world_from_camera, &registration)
+        let display = self.display.as_mut().and_then(|predictor| {
+            predictor.predict(setup, tracker, &frame, world_from_camera, &registration)
         });
-        registration.display = shown.map(|shown| shown.status);
-        let rolling = self.rolling(&frame, world_from_camera);
+        registration.display = display.map(|prediction| prediction.status);
+        let rolling_shutter = self.rolling_shutter(&frame, world_from_camera);
         let tracker_sigma = self.tracker_sigma(&frame, world_from_camera);
-        let seen = LightRequest {
-            ball,
+        let request = LightRequest {
+            sphere,
             ..LightRequest::new(&frame, seconds, world_from_camera)
         };
-        if let Some(note) = self.lights.see(&seen, &picture, entry) {
-            self.journal.write(seen.arrived_at, note);
+        if let Some(record) = self.lights.schedule(&request, &picture, entry) {
+            self.journal.write(request.arrived_at, record);
         }
         let counts = self.counts(false);
-        let light = self.lights.in_force();
+        let light = self.lights.active_light();
         PreparationEvent::Frame(Box::new(PreparedFrame {
             index: frame.index,
             seconds,
             picture,
             world_from_camera,
             registration,
-            rolling,
-            shown,
+            rolling_shutter,
+            display,
             tracker_sigma,
             light: light.state.clone(),
             decoding,
             lighting: light.took,
             preview: light.preview.take(),
-            warning: misfit.or(light.unseen.take()),
+            warning: mismatch.or(light.picture_error.take()),
             skipped,
             counts,
             frame,
         }))
     }
 
-    /// What fiducials tell of a picture, where they are looked for.
+    /// Registers a picture by fiducials if the rig uses them, otherwise by the tracker's pose
+    /// `tracked`. `fits`: the picture has the calibrated size.
     fn register(
         &mut self,
         picture: &Picture,
@@ -348,21 +354,21 @@ impl Worker {
             world_from_camera,
             noise: self.setup.tracker_noise(frame).unwrap_or(TRACKER_NOISE),
         });
-        let by_tracker = ByTracker {
+        let tracker = TrackerEstimate {
             pose: tracked,
             motion,
         };
-        let told = tags.register(picture, by_tracker, frame.captured_at);
-        self.observe_picture(frame.captured_at, picture, told.by_markers);
-        let ball = match told.ball {
-            Some(ball) => SphereAt::Seen(ball),
-            None if told.ball_lost => SphereAt::Lost,
+        let result = tags.register(picture, tracker, frame.captured_at);
+        self.observe_picture(frame.captured_at, picture, result.by_markers);
+        let sphere = match result.sphere {
+            Some(sphere) => SphereAt::Seen(sphere),
+            None if result.is_sphere_lost => SphereAt::Lost,
             None => SphereAt::Calibrated,
         };
-        (told.world_from_camera, ball, told.status)
+        (result.world_from_camera, sphere, result.status)
     }
 
-    /// Shows a picture to the latency monitor.
+    /// Passes a picture to the latency monitor.
     fn observe_picture(
         &mut self,
         captured_at: MonotonicTime,
@@ -374,8 +380,9 @@ impl Worker {
         }
     }
 
-    /// How the camera moved: by the tracker, else since the picture before.
-    fn rolling(
+    /// Returns the camera's motion during the readout: by the tracker, else from the previous
+    /// picture's pose. `None` without a rolling shutter.
+    fn rolling_shutter(
         &mut self,
         frame: &RigFrame,
         pose: Option<RigidTransform>,
@@ -387,13 +394,13 @@ impl Worker {
         if let Some(motion) = self.tracked_motion(frame) {
             return Some(motion);
         }
-        let (then, before) = last?;
-        let seconds = frame.captured_at.seconds_since(then);
-        let near = (1e-3..LONGEST_STEP).contains(&seconds);
-        near.then(|| RollingShutter::between(&before, &pose?, seconds, self.row_seconds))?
+        let (last_captured_at, before) = last?;
+        let seconds = frame.captured_at.seconds_since(last_captured_at);
+        let is_recent = (1e-3..MAX_PICTURE_INTERVAL).contains(&seconds);
+        is_recent.then(|| RollingShutter::between(&before, &pose?, seconds, self.row_seconds))?
     }
 
-    /// How the camera moved, by the tracker.
+    /// Returns the camera's motion during the readout, by the tracker.
     fn tracked_motion(&self, frame: &RigFrame) -> Option<RollingShutter> {
         let (before, after, seconds) = frame.motion?;
         let tracker = self.setup.calibration.tracker.as_ref()?;
@@ -401,51 +408,58 @@ impl Worker {
         RollingShutter::between(&before, &after, seconds, self.row_seconds)
     }
 
-    /// See [`PreparedFrame::tracker_sigma`].
+    /// Returns the value of [`PreparedFrame::tracker_sigma`].
     fn tracker_sigma(&self, frame: &RigFrame, pose: Option<RigidTransform>) -> Option<[f64; 3]> {
         let [metres, radians] = self.setup.tracker_noise(frame)?;
         let camera = &self.setup.calibration.scene_camera.camera;
-        let z = pose?.inverse().transform_point(self.middle).z.abs();
+        let z = pose?.inverse().transform_point(self.centre).z.abs();
         let pixels = camera.focal.x * (metres / z.clamp(0.1, 10.0)).hypot(radians);
-        let all = 3.0_f64.sqrt();
-        Some([1e3 * metres * all, radians.to_degrees() * all, pixels])
+        let all_axes = 3.0_f64.sqrt();
+        Some([
+            1e3 * metres * all_axes,
+            radians.to_degrees() * all_axes,
+            pixels,
+        ])
     }
 
-    /// A picture of another size than the calibration's is shown as it is: nothing can be put
-    /// in its right place.
-    fn misfit(&self, picture: &Picture) -> Option<String> {
+    /// Returns a warning if the picture's size differs from the calibrated size. Such a picture is
+    /// shown unchanged, because virtual objects cannot be aligned with it.
+    fn size_mismatch(&self, picture: &Picture) -> Option<String> {
         let camera = &self.setup.calibration.scene_camera.camera;
         let fits = (picture.width, picture.height) == (camera.width, camera.height);
         (!fits && self.setup.calibrated).then(|| {
             format!(
                 "the scene camera's pictures have {}x{} pixels, but it was calibrated at {}x{}; set \
-                 its width and height, or calibrate anew",
+                 its width and height, or recalibrate",
                 picture.width, picture.height, camera.width, camera.height
             )
         })
     }
 }
 
-/// How pictures come by their light.
-fn lights(
+/// Creates the light scheduler for a live rig, its replay, or a recording without a journal.
+fn light_scheduler(
     setup: &RigSetup,
     config: &Config,
     source: &Source,
-    wished: watch::Receiver<Settings>,
-    news: SceneUpdates,
+    requested: watch::Receiver<Settings>,
+    scene_updates: SceneUpdates,
 ) -> Result<LightScheduler, RigError> {
-    let station = LightEstimator::new(setup, config, &|name| source.attachment(name))?;
+    let estimator = LightEstimator::new(setup, config, &|name| source.attachment(name))?;
     let technique = crate::live_settings(config).technique;
-    let lighter = LightUpdater::new(station, wished, technique, config.planes.frequency, news);
+    let frequency = config.planes.frequency;
+    let updater = LightUpdater::new(estimator, requested, technique, frequency, scene_updates);
     match source {
-        Source::Live(_) => LightScheduler::beside(lighter),
-        Source::Recorded(_) if as_live(config, source) => Ok(LightScheduler::as_noted(lighter)),
-        Source::Recorded(_) => Ok(LightScheduler::own(lighter)),
+        Source::Live(_) => LightScheduler::live(updater),
+        Source::Recorded(_) if pairs_as_live(config, source) => {
+            Ok(LightScheduler::from_journal(updater))
+        }
+        Source::Recorded(_) => Ok(LightScheduler::per_frame(updater)),
     }
 }
 
-/// Whether pictures wait as in a live rig.
-fn as_live(config: &Config, source: &Source) -> bool {
+/// Returns whether pictures are paired as in a live rig, with its limited wait for the tracker.
+fn pairs_as_live(config: &Config, source: &Source) -> bool {
     match (source, config.replay.pairing) {
         (Source::Live(_), _) | (_, ReplayPairing::Live) => true,
         (Source::Recorded(_), ReplayPairing::Complete) => false,
@@ -453,6 +467,7 @@ fn as_live(config: &Config, source: &Source) -> bool {
     }
 }
 
+/// Returns the pairing configuration; `as_live` limits the wait for the tracker.
 fn pairing(config: &Config, setup: &RigSetup, as_live: bool) -> PairingConfig {
     let mut pairing = pairing_config(&setup.calibration);
     pairing.history.max_prediction_nanos = config.sync.max_prediction_nanos;

@@ -20,8 +20,8 @@ pub(super) fn probe(map: &ProbeMap, now: MonotonicTime) -> ProbeStatus {
 pub(super) fn stale(probe: &ProbeStatus, stale_after: i64) -> Option<String> {
     let old = probe.sphere_age_s? * 1e9 > stale_after as f64;
     old.then(|| {
-        "the mirrored ball, its marker or the camera's pose is out of sight: the light is the last \
-         that was seen of each direction"
+        "the mirrored ball, its marker or the camera's pose is lost: the last light observed in \
+         each direction is used"
             .to_owned()
     })
 }

@@ -1,5 +1,5 @@
-//! Writes what arrives into a session, on a thread of its own. Nobody ever waits for it:
-//! what it cannot take in time is dropped and counted.
+//! Records the events of a live rig into a session file, on its own thread. No other thread waits
+//! for it: events that arrive while its queue is full are dropped and counted.
 
 use crate::error::RigError;
 use crate::source::RigFiles;
@@ -22,12 +22,12 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-/// Events that may wait: several seconds of everything. Bytes have a limit of their own.
-const WAITING: usize = 16_384;
-/// What a killed recorder loses is younger than this and a little.
+/// Capacity of the queue, events: several seconds of all streams. Its bytes are limited separately.
+const QUEUE_CAPACITY: usize = 16_384;
+/// Interval of flushes. A killed recorder loses little more than this.
 const FLUSH_EVERY: Duration = Duration::from_millis(500);
 
-/// Records what goes through a [`Hub`] when it is asked to.
+/// Records the events of a [`Hub`] on request.
 pub struct Recorder {
     hub: Arc<Hub>,
     files: Arc<RigFiles>,
@@ -43,7 +43,7 @@ struct Running {
 }
 
 impl Recorder {
-    /// Ready to record what goes through `hub`, with `files` as attachments.
+    /// Creates an idle recorder of the events of `hub`, with `files` as attachments.
     #[must_use]
     pub fn new(
         hub: Arc<Hub>,
@@ -53,7 +53,7 @@ impl Recorder {
     ) -> Arc<Self> {
         status.update(|s| {
             s.recording.state = RecordingState::Idle;
-            "Nothing is being recorded.".clone_into(&mut s.recording.description);
+            "No recording is running.".clone_into(&mut s.recording.description);
         });
         Arc::new(Self {
             hub,
@@ -64,12 +64,12 @@ impl Recorder {
         })
     }
 
-    /// Begins a new file at `path`, to end after `longest`.
+    /// Starts a recording into a new file at `path`, which ends after `max_duration`.
     ///
     /// # Errors
-    /// One is being recorded; the file exists or cannot be made; the disk is as good as
-    /// full.
-    pub fn start(&self, path: &Path, longest: Option<Duration>) -> Result<(), RigError> {
+    /// Another recording is running, the file exists or cannot be written, or the system cannot
+    /// start a thread.
+    pub fn start(&self, path: &Path, max_duration: Option<Duration>) -> Result<(), RigError> {
         let mut running = self.running.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(busy) = running.as_ref().filter(|r| !r.thread.is_finished()) {
             return Err(RigError::Recording {
@@ -79,11 +79,11 @@ impl Recorder {
         let configured = self.config.max_duration_nanos;
         let configured = configured.map(|nanos| Duration::from_nanos(nanos.unsigned_abs()));
         let writer = SessionWriter::create(path)?;
-        let (events, waiting) = bounded(WAITING);
+        let (events, queue) = bounded(QUEUE_CAPACITY);
         let mut job = Job {
             writer,
-            waiting,
-            waiting_bytes: Arc::default(),
+            queue,
+            queued_bytes: Arc::default(),
             dropped: Arc::default(),
             hub: Arc::clone(&self.hub),
             files: Arc::clone(&self.files),
@@ -91,8 +91,8 @@ impl Recorder {
             stop: Arc::default(),
             path: path.to_owned(),
             reserve_bytes: self.config.reserve_bytes,
-            longest: [configured, longest].into_iter().flatten().min(),
-            began: SystemClock.now(),
+            max_duration: [configured, max_duration].into_iter().flatten().min(),
+            started: SystemClock.now(),
             flushed: SystemClock.now(),
             recording: Recording {
                 file: Some(path.display().to_string()),
@@ -100,11 +100,12 @@ impl Recorder {
             },
         };
         let stop = Arc::clone(&job.stop);
-        let queue = RecorderQueue::new(events, job.waiting_bytes.clone(), job.dropped.clone());
-        // Before anybody is told that it has begun: who asks then is not to hear of the one
-        // before.
+        let recorder_queue =
+            RecorderQueue::new(events, job.queued_bytes.clone(), job.dropped.clone());
+        // Before this function returns, so that the status never shows the previous recording
+        // after a successful start.
         job.publish();
-        self.hub.set_recorder(Some(queue));
+        self.hub.set_recorder(Some(recorder_queue));
         let thread = threads::spawn("record", move || job.run()).map_err(|source| {
             self.hub.set_recorder(None);
             let error = RigError::Thread { source };
@@ -122,7 +123,7 @@ impl Recorder {
         Ok(())
     }
 
-    /// Ends the recording, if there is one, in order, and says what became of it.
+    /// Finishes the running recording and returns its final status; `None` if there is none.
     pub fn stop(&self) -> Option<Recording> {
         let mut running = self.running.lock().unwrap_or_else(PoisonError::into_inner);
         let running = running.take()?;
@@ -130,15 +131,15 @@ impl Recorder {
         running.thread.join().ok()
     }
 
-    /// Whether a recording is under way.
+    /// Returns whether a recording is running.
     #[must_use]
     pub fn is_recording(&self) -> bool {
         let running = self.running.lock().unwrap_or_else(PoisonError::into_inner);
         running.as_ref().is_some_and(|r| !r.thread.is_finished())
     }
 
-    /// A file in the recordings' folder, which is made if it is missing.
-    fn place(&self, name: Option<&str>) -> Result<PathBuf, RecordingRefusal> {
+    /// Returns the path of a recording in the recordings' folder, and creates a missing folder.
+    fn recording_path(&self, name: Option<&str>) -> Result<PathBuf, RecordingRefusal> {
         let folder = &self.config.folder;
         std::fs::create_dir_all(folder).map_err(|error| RecordingRefusal::Failed {
             reason: format!("{}: {error}", folder.display()),
@@ -155,14 +156,14 @@ impl Drop for Recorder {
 }
 
 impl RecordingControl for Recorder {
-    fn carry_out(&self, wish: &RecordingRequest) -> Result<Recording, RecordingRefusal> {
-        if !wish.record {
+    fn carry_out(&self, request: &RecordingRequest) -> Result<Recording, RecordingRefusal> {
+        if !request.record {
             self.stop();
             return Ok(self.status.snapshot().recording);
         }
-        let path = self.place(wish.file.as_deref())?;
-        let longest = wish.seconds.map(Duration::from_secs_f64);
-        match self.start(&path, longest) {
+        let path = self.recording_path(request.file.as_deref())?;
+        let max_duration = request.seconds.map(Duration::from_secs_f64);
+        match self.start(&path, max_duration) {
             Ok(()) => Ok(Recording {
                 state: RecordingState::Recording,
                 file: Some(path.display().to_string()),
@@ -178,21 +179,21 @@ impl RecordingControl for Recorder {
     }
 }
 
-/// How a recording ended.
+/// Why a recording ended.
 enum End {
-    /// As it was meant to.
-    Asked(&'static str),
-    /// Not enough room is left on the disk; the file was finished.
+    /// By request or at its maximum duration; the description for the status.
+    Regular(&'static str),
+    /// The free space on the disk fell below the reserve; the file is complete up to there.
     Reserve,
-    /// It cannot be written any more.
-    Broken(SessionError),
+    /// The file cannot be written.
+    WriteFailed(SessionError),
 }
 
-/// One recording.
+/// A running recording.
 struct Job {
     writer: SessionWriter<BufWriter<File>>,
-    waiting: Receiver<SessionEvent>,
-    waiting_bytes: Arc<AtomicU64>,
+    queue: Receiver<SessionEvent>,
+    queued_bytes: Arc<AtomicU64>,
     dropped: Arc<AtomicU64>,
     hub: Arc<Hub>,
     files: Arc<RigFiles>,
@@ -200,21 +201,21 @@ struct Job {
     stop: Arc<AtomicBool>,
     path: PathBuf,
     reserve_bytes: u64,
-    longest: Option<Duration>,
-    began: MonotonicTime,
+    max_duration: Option<Duration>,
+    started: MonotonicTime,
     flushed: MonotonicTime,
     recording: Recording,
 }
 
 impl Job {
     fn run(mut self) -> Recording {
-        let end = self.record().unwrap_or_else(End::Broken);
+        let end = self.record().unwrap_or_else(End::WriteFailed);
         self.hub.set_recorder(None);
         let end = match end {
-            End::Broken(error) => End::Broken(error),
+            End::WriteFailed(error) => End::WriteFailed(error),
             end => match self.drain() {
                 Ok(()) => end,
-                Err(error) => End::Broken(error),
+                Err(error) => End::WriteFailed(error),
             },
         };
         self.finish(end)
@@ -226,12 +227,12 @@ impl Job {
         }
         loop {
             if self.stop.load(Ordering::Relaxed) {
-                return Ok(End::Asked("Finished."));
+                return Ok(End::Regular("Finished."));
             }
-            match self.waiting.recv_timeout(FLUSH_EVERY / 4) {
+            match self.queue.recv_timeout(FLUSH_EVERY / 4) {
                 Ok(event) => self.write(&event)?,
                 Err(RecvTimeoutError::Timeout) => (),
-                Err(RecvTimeoutError::Disconnected) => return Ok(End::Asked("Finished.")),
+                Err(RecvTimeoutError::Disconnected) => return Ok(End::Regular("Finished.")),
             }
             let now = SystemClock.now();
             if now >= self.flushed + FLUSH_EVERY {
@@ -243,17 +244,18 @@ impl Job {
                 }
             }
             if self
-                .longest
-                .is_some_and(|longest| now >= self.began + longest)
+                .max_duration
+                .is_some_and(|duration| now >= self.started + duration)
             {
-                return Ok(End::Asked("Finished: as long as it was meant to be."));
+                return Ok(End::Regular("Finished: the maximum duration is reached."));
             }
         }
     }
 
-    /// What cannot be written down is counted; what cannot be written to the disk ends it.
+    /// Writes an event. An event that cannot be encoded is dropped and counted; an error of the
+    /// disk ends the recording.
     fn write(&mut self, event: &SessionEvent) -> Result<(), SessionError> {
-        self.waiting_bytes
+        self.queued_bytes
             .fetch_sub(event.bytes() as u64, Ordering::Relaxed);
         match self.writer.event(event) {
             Ok(()) => self.recording.events += 1,
@@ -265,9 +267,9 @@ impl Job {
         Ok(())
     }
 
-    /// What still waits, now that nothing more comes.
+    /// Writes the events that are still queued; the hub sends no more.
     fn drain(&mut self) -> Result<(), SessionError> {
-        while let Ok(event) = self.waiting.try_recv() {
+        while let Ok(event) = self.queue.try_recv() {
             self.write(&event)?;
         }
         Ok(())
@@ -275,30 +277,30 @@ impl Job {
 
     fn finish(mut self, end: End) -> Recording {
         self.measure();
-        let (mut state, mut sentence) = match end {
-            End::Asked(sentence) => (RecordingState::Finished, sentence.to_owned()),
-            End::Reserve => (RecordingState::Failed, self.full()),
-            End::Broken(error) => (RecordingState::Failed, broken(&error)),
+        let can_finish = !matches!(end, End::WriteFailed(_));
+        let (mut state, mut description) = match end {
+            End::Regular(text) => (RecordingState::Finished, text.to_owned()),
+            End::Reserve => (RecordingState::Failed, self.disk_full_message()),
+            End::WriteFailed(error) => (RecordingState::Failed, write_error_message(&error)),
         };
-        let whole = state == RecordingState::Finished || sentence == self.full();
-        if whole && let Err(error) = self.writer.finish() {
-            (state, sentence) = (RecordingState::Failed, broken(&error));
+        if can_finish && let Err(error) = self.writer.finish() {
+            (state, description) = (RecordingState::Failed, write_error_message(&error));
         }
         if state == RecordingState::Failed {
-            tracing::warn!("{sentence}");
+            tracing::warn!("{description}");
         }
         let mut recording = self.recording;
         recording.bytes = size_of_file(&self.path);
         recording.seconds_left = None;
-        (recording.state, recording.description) = (state, sentence);
+        (recording.state, recording.description) = (state, description);
         self.status.update(|s| s.recording = recording.clone());
         recording
     }
 
-    fn full(&self) -> String {
+    fn disk_full_message(&self) -> String {
         format!(
-            "{}: ended, because less than {} MB is free on the disk ([recording] reserve_mb); \
-             it is whole up to here",
+            "{}: recording ended, because less than {} MB is free on the disk ([recording] \
+             reserve_mb); the file is complete up to here",
             self.path.display(),
             self.reserve_bytes / 1_000_000
         )
@@ -311,10 +313,10 @@ impl Job {
     fn measure(&mut self) {
         let recording = &mut self.recording;
         recording.bytes = size_of_file(&self.path);
-        recording.seconds = SystemClock.now().seconds_since(self.began);
+        recording.seconds = SystemClock.now().seconds_since(self.started);
         recording.dropped = self.dropped.load(Ordering::Relaxed);
         recording.free_bytes = free_bytes(&self.path);
-        recording.seconds_left = seconds_left(recording, self.reserve_bytes, self.longest);
+        recording.seconds_left = seconds_left(recording, self.reserve_bytes, self.max_duration);
     }
 
     fn publish(&mut self) {
@@ -326,22 +328,30 @@ impl Job {
     }
 }
 
-/// By the room on the disk at the rate so far, and by the length that was asked for.
-fn seconds_left(recording: &Recording, reserve: u64, longest: Option<Duration>) -> Option<f64> {
+/// Returns the time until the recording ends, seconds: the smaller of the time until the disk is
+/// full at the mean data rate and the time until the maximum duration.
+fn seconds_left(
+    recording: &Recording,
+    reserve: u64,
+    max_duration: Option<Duration>,
+) -> Option<f64> {
     let rate = recording.bytes as f64 / recording.seconds;
-    let room = recording.free_bytes?.saturating_sub(reserve) as f64;
-    let by_room = (recording.seconds > 1.0 && rate > 0.0).then(|| room / rate);
-    let by_length = longest.map(|longest| (longest.as_secs_f64() - recording.seconds).max(0.0));
-    [by_room, by_length].into_iter().flatten().reduce(f64::min)
+    let free = recording.free_bytes?.saturating_sub(reserve) as f64;
+    let until_full = (recording.seconds > 1.0 && rate > 0.0).then(|| free / rate);
+    let until_end = max_duration.map(|max| (max.as_secs_f64() - recording.seconds).max(0.0));
+    [until_full, until_end]
+        .into_iter()
+        .flatten()
+        .reduce(f64::min)
 }
 
-fn broken(error: &SessionError) -> String {
-    let full = matches!(error, SessionError::Io { source, .. }
+fn write_error_message(error: &SessionError) -> String {
+    let is_disk_full = matches!(error, SessionError::Io { source, .. }
         if source.kind() == std::io::ErrorKind::StorageFull);
-    if full {
-        format!("{error}; the recording has ended, and is readable up to about here; free space")
+    if is_disk_full {
+        format!("{error}; the recording has ended and is readable up to about here; free space")
     } else {
-        format!("{error}; the recording has ended, and is readable up to about here")
+        format!("{error}; the recording has ended and is readable up to about here")
     }
 }
 
@@ -349,7 +359,7 @@ fn size_of_file(path: &Path) -> u64 {
     std::fs::metadata(path).map_or(0, |metadata| metadata.len())
 }
 
-/// Room for us on the disk of an existing file.
+/// Returns the free space available to this user on the disk of an existing file, bytes.
 #[cfg(unix)]
 fn free_bytes(path: &Path) -> Option<u64> {
     let disk = rustix::fs::statvfs(path).ok()?;
@@ -361,7 +371,7 @@ const fn free_bytes(_: &Path) -> Option<u64> {
     None
 }
 
-/// `penumbra-20261121-120203.mcap`, UTC.
+/// Returns a file name with the UTC date, e.g. `penumbra-20261121-120203.mcap`.
 fn name_by_date() -> String {
     let [year, month, day, hour, minute, second] = utc_now();
     format!("penumbra-{year:04}{month:02}{day:02}-{hour:02}{minute:02}{second:02}.mcap")

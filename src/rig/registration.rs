@@ -1,4 +1,4 @@
-//! Where the scene camera is, and the mirrored sphere, by the fiducials in its picture.
+//! Finds the poses of the scene camera and the mirrored sphere by the fiducials in a picture.
 
 use crate::setup::RigSetup;
 use glam::DVec3;
@@ -19,70 +19,70 @@ use penumbra_rig_model::SphereMarker;
 use penumbra_scene::Scene;
 use penumbra_status::{RegistrationSource, RegistrationStatus};
 
-/// Standard deviation of a sphere's picture by a tracker's pose or a marker of its own, pixels:
-/// neither tells its own.
-pub(crate) const UNTOLD_SIGMA: f64 = 0.5;
+/// Assumed standard deviation of a mirrored sphere's position in the picture, along each axis,
+/// pixels, where the tracker or the sphere's own marker provides none.
+pub(crate) const DEFAULT_SPHERE_SIGMA: f64 = 0.5;
 
-/// Looks for fiducials in the scene camera's pictures.
+/// Registers the scene camera and the mirrored sphere by fiducials.
 pub(crate) struct TagRegistration {
     detector: Detector,
     camera: PinholeCamera,
-    /// From one row of it to the next.
+    /// Readout time from one row of the camera to the next, seconds.
     row_seconds: f64,
-    /// Where they tell the pose.
+    /// Poses by the rig's markers, if it has any.
     registrar: Option<Registrar>,
-    /// Where they tell it together with the tracker.
-    fusion: Option<HybridRegistration>,
-    /// Poses by markers that were not believed.
+    /// Combines marker and tracker poses, if the rig uses both.
+    hybrid: Option<HybridRegistration>,
+    /// Number of marker poses rejected as outliers.
     rejected: u64,
-    /// Where one carries the mirrored sphere.
-    probe: Option<Probe>,
-    /// Centre of a sphere that stands still.
-    ball: Option<DVec3>,
+    /// The mirrored sphere, if it has a marker of its own.
+    marked_sphere: Option<MarkedSphere>,
+    /// Centre of a stationary mirrored sphere, world, metres.
+    fixed_sphere: Option<DVec3>,
 }
 
-/// The marker that carries the sphere, and where it was last.
-struct Probe {
+/// A mirrored sphere with a marker of its own, and the marker's previous pose.
+struct MarkedSphere {
     marker: SphereMarker,
-    last: Option<RigidTransform>,
+    last_pose: Option<RigidTransform>,
 }
 
-/// What the tracker tells of a picture.
+/// The tracker's estimates for a picture.
 #[derive(Clone, Copy, Default)]
-pub(crate) struct ByTracker {
+pub(crate) struct TrackerEstimate {
     /// The camera's pose.
     pub pose: Option<TrackerPose>,
-    /// How it moved while the picture was read.
+    /// The camera's motion during the readout of the picture.
     pub motion: Option<RollingShutter>,
 }
 
-/// What a picture told.
+/// The registration of a picture.
 pub(crate) struct RegistrationResult {
     /// The scene camera's pose.
     pub world_from_camera: Option<RigidTransform>,
-    /// The same by markers alone, however it is used.
+    /// The pose by markers alone, in every mode.
     pub by_markers: Option<RigidTransform>,
-    /// The mirrored sphere, where this picture tells more of it than the calibration.
-    pub ball: Option<SpherePosition>,
-    /// The sphere is carried about, and this picture does not show where.
-    pub ball_lost: bool,
-    /// For the status.
+    /// The mirrored sphere, where this picture locates it better than the calibration.
+    pub sphere: Option<SpherePosition>,
+    /// Whether the sphere is movable and its marker was not found in this picture.
+    pub is_sphere_lost: bool,
+    /// The status of the registration.
     pub status: RegistrationStatus,
 }
 
 impl TagRegistration {
-    /// Of a rig that wants it; `None` where nothing is to be looked for.
+    /// Creates the registration of a rig; `None` if the rig uses no markers.
     pub fn new(setup: &RigSetup, row_seconds: f64) -> Option<Self> {
         let rig = &setup.calibration;
-        let probe = rig.sphere_marker.clone();
-        if setup.tags.is_none() && probe.is_none() {
+        let marker = rig.sphere_marker.clone();
+        if setup.tags.is_none() && marker.is_none() {
             return None;
         }
         let mut families: Vec<Family> = setup.tags.iter().flat_map(TagMap::families).collect();
-        families.extend(probe.iter().map(|p| p.family));
+        families.extend(marker.iter().map(|m| m.family));
         families.sort_unstable();
         families.dedup();
-        let ball = match rig.environment.as_ref().map(|e| &e.view) {
+        let fixed_sphere = match rig.environment.as_ref().map(|e| &e.view) {
             Some(EnvironmentView::SphereInScene { sphere }) => Some(sphere.centre_in_world),
             _ => None,
         };
@@ -90,101 +90,107 @@ impl TagRegistration {
             detector: Detector::new(&families, &rig.scene_camera.response),
             camera: rig.scene_camera.camera.clone(),
             row_seconds,
-            fusion: (setup.pose == PoseSource::Hybrid).then(|| {
-                let middle = middle(&setup.scene, setup.tags.as_ref());
-                HybridRegistration::new(rig.scene_camera.camera.clone(), middle)
+            hybrid: (setup.pose == PoseSource::Hybrid).then(|| {
+                let centre = scene_centre(&setup.scene, setup.tags.as_ref());
+                HybridRegistration::new(rig.scene_camera.camera.clone(), centre)
             }),
             rejected: 0,
             registrar: setup.tags.clone().map(Registrar::new),
-            ball: ball.filter(|_| probe.is_none()),
-            probe: probe.map(|marker| Probe { marker, last: None }),
+            fixed_sphere: fixed_sphere.filter(|_| marker.is_none()),
+            marked_sphere: marker.map(|marker| MarkedSphere {
+                marker,
+                last_pose: None,
+            }),
         })
     }
 
-    /// What a picture tells.
+    /// Registers a picture taken at `at`.
     pub fn register(
         &mut self,
         picture: &Picture,
-        by: ByTracker,
+        tracker: TrackerEstimate,
         at: MonotonicTime,
     ) -> RegistrationResult {
-        let tracked = by.pose;
+        let tracked = tracker.pose;
         let seen = self.detector.detect(picture, Some(&self.camera));
         let by_tracker = tracked.map(|t| t.world_from_camera);
-        let mut told = RegistrationResult {
+        let mut result = RegistrationResult {
             world_from_camera: by_tracker,
             by_markers: None,
-            ball: None,
-            ball_lost: self.probe.is_some(),
+            sphere: None,
+            is_sphere_lost: self.marked_sphere.is_some(),
             status: RegistrationStatus::by_tracker(tracked.is_some()),
         };
         if let Some(registrar) = &mut self.registrar {
-            let expected = PosePrior {
-                pose: self.fusion.as_ref().and_then(|f| f.predicted(by_tracker)),
-                motion: by.motion,
+            let prior = PosePrior {
+                pose: self.hybrid.as_ref().and_then(|h| h.predicted(by_tracker)),
+                motion: tracker.motion,
                 row_seconds: self.row_seconds,
             };
-            let found = registrar.register_with(&self.camera, seen, at, &expected);
-            let sure = |f: &&RegisteredPose| f.method != RegistrationMethod::TagGuessed;
-            told.by_markers = found.as_ref().filter(sure).map(|f| f.map_from_camera);
-            (told.world_from_camera, told.status) = match &mut self.fusion {
-                None => (found.map(|f| f.map_from_camera), by_markers(found.as_ref())),
-                Some(fusion) => {
-                    // A guess corrects nothing; alone it is better than no pose.
-                    let sure = |f: &&RegisteredPose| {
-                        tracked.is_none() || f.method != RegistrationMethod::TagGuessed
-                    };
-                    let sure = found.as_ref().filter(sure);
-                    let fused = fusion.register(at, tracked, sure.map(|f| &f.estimate));
+            let found = registrar.register_with(&self.camera, seen, at, &prior);
+            let unambiguous = |f: &&RegisteredPose| f.method != RegistrationMethod::TagGuessed;
+            result.by_markers = found
+                .as_ref()
+                .filter(unambiguous)
+                .map(|f| f.map_from_camera);
+            let marker_pose = found.map(|f| f.map_from_camera);
+            (result.world_from_camera, result.status) = match &mut self.hybrid {
+                None => (marker_pose, marker_status(found.as_ref())),
+                Some(hybrid) => {
+                    // A guessed pose does not correct the tracker, but is better than no pose.
+                    let usable = found
+                        .as_ref()
+                        .filter(|f| tracked.is_none() || unambiguous(f));
+                    let fused = hybrid.register(at, tracked, usable.map(|f| &f.estimate));
                     let rejected =
                         fused.is_some_and(|f| f.assessment == MarkerAssessment::Rejected);
                     self.rejected += u64::from(rejected);
-                    let status = by_both(fused.as_ref(), sure, self.rejected);
+                    let status = hybrid_status(fused.as_ref(), usable, self.rejected);
                     (fused.map(|f| f.world_from_camera), status)
                 }
             };
-            told.ball = told
+            result.sphere = result
                 .world_from_camera
-                .zip(self.ball)
+                .zip(self.fixed_sphere)
                 .map(|(_, centre)| SpherePosition {
                     centre_in_world: centre,
-                    sigma: match (found, told.status.sigma_px) {
-                        (Some(f), _) if self.fusion.is_none() => {
+                    sigma: match (found, result.status.sigma_px) {
+                        (Some(f), _) if self.hybrid.is_none() => {
                             f.estimate.sigma_at(&self.camera, centre)
                         }
-                        (_, sigma) => sigma.unwrap_or(UNTOLD_SIGMA),
+                        (_, sigma) => sigma.unwrap_or(DEFAULT_SPHERE_SIGMA),
                     },
                 });
         }
-        if let (Some(probe), Some(pose)) = (&mut self.probe, told.world_from_camera) {
-            let centre = probe.find(&self.camera, seen);
-            told.ball_lost = centre.is_none();
-            told.ball = centre.map(|centre_in_camera| SpherePosition {
+        if let (Some(sphere), Some(pose)) = (&mut self.marked_sphere, result.world_from_camera) {
+            let centre = sphere.find(&self.camera, seen);
+            result.is_sphere_lost = centre.is_none();
+            result.sphere = centre.map(|centre_in_camera| SpherePosition {
                 centre_in_world: pose.transform_point(centre_in_camera),
-                sigma: UNTOLD_SIGMA,
+                sigma: DEFAULT_SPHERE_SIGMA,
             });
         }
-        told
+        result
     }
 }
 
-/// For the status: a pose by markers alone.
-fn by_markers(found: Option<&RegisteredPose>) -> RegistrationStatus {
+/// Returns the status of a pose by markers alone.
+fn marker_status(found: Option<&RegisteredPose>) -> RegistrationStatus {
     RegistrationStatus::by_markers(found.map(|f| {
         let guessed = f.method == RegistrationMethod::TagGuessed;
-        (tags_of(f), f.estimate.rms, guessed)
+        (tag_count(f), f.estimate.rms, guessed)
     }))
 }
 
-fn tags_of(found: &RegisteredPose) -> usize {
+fn tag_count(found: &RegisteredPose) -> usize {
     match found.method {
         RegistrationMethod::Map { tags } => tags,
         _ => 1,
     }
 }
 
-/// For the status: a pose by tracker and markers.
-fn by_both(
+/// Returns the status of a pose by tracker and markers.
+fn hybrid_status(
     fused: Option<&HybridPose>,
     found: Option<&RegisteredPose>,
     rejected: u64,
@@ -206,27 +212,28 @@ fn by_both(
         correction_mm: fused.correction.map(|[metres, _]| metres * 1e3),
         correction_deg: fused.correction.map(|[_, radians]| radians.to_degrees()),
         settling_px: Some(fused.remaining_pixels),
-        ..by_markers(found)
+        ..marker_status(found)
     };
-    let told = fused.sigma.map(
+    let with_sigma = fused.sigma.map(
         |PoseSigma {
              metres,
              radians,
              pixels,
          }| status.with_sigma([metres, radians, pixels]),
     );
-    with_count(told.unwrap_or(status))
+    with_count(with_sigma.unwrap_or(status))
 }
 
-/// What the virtual objects stand about, else the markers; world, metres.
-pub(crate) fn middle(scene: &Scene, tags: Option<&TagMap>) -> DVec3 {
+/// Returns the centre of the bounding box of the virtual objects, or of the markers if there are no
+/// virtual objects; world, metres.
+pub(crate) fn scene_centre(scene: &Scene, tags: Option<&TagMap>) -> DVec3 {
     let points = scene.virtual_parts.iter().flat_map(|part| {
         let placed = |v: &penumbra_scene::Vertex| {
             part.world_from_part.transform_point3(v.position.as_dvec3())
         };
         part.mesh.vertices.iter().map(placed)
     });
-    let box_of = |points: &mut dyn Iterator<Item = DVec3>| {
+    let bounding_box = |points: &mut dyn Iterator<Item = DVec3>| {
         points.fold(None, |bounds: Option<(DVec3, DVec3)>, p| {
             let (low, high) = bounds.unwrap_or((p, p));
             Some((low.min(p), high.max(p)))
@@ -235,13 +242,13 @@ pub(crate) fn middle(scene: &Scene, tags: Option<&TagMap>) -> DVec3 {
     let mut points = points;
     let tags = tags.into_iter().flat_map(|map| map.tags());
     let mut corners = tags.flat_map(Tag::corners);
-    let bounds = box_of(&mut points).or_else(|| box_of(&mut corners));
+    let bounds = bounding_box(&mut points).or_else(|| bounding_box(&mut corners));
     bounds.map_or(DVec3::ZERO, |(low, high)| 0.5 * (low + high))
 }
 
-impl Probe {
-    /// The sphere's centre in the camera's frame. Of two markers with its number
-    /// neither is believed.
+impl MarkedSphere {
+    /// Returns the sphere's centre, camera space, metres. `None` if its marker is missing, or if
+    /// two markers have its number.
     fn find(&mut self, camera: &PinholeCamera, seen: &[TagObservation]) -> Option<DVec3> {
         let SphereMarker {
             family,
@@ -251,11 +258,11 @@ impl Probe {
         } = &self.marker;
         let mut own = seen.iter().filter(|t| (t.family, t.id) == (*family, *id));
         let (Some(tag), None) = (own.next(), own.next()) else {
-            self.last = None;
+            self.last_pose = None;
             return None;
         };
-        let pose = nearest_pose(camera, &tag.corners, *size, self.last);
-        self.last = pose;
+        let pose = nearest_pose(camera, &tag.corners, *size, self.last_pose);
+        self.last_pose = pose;
         Some(pose?.transform_point(*centre_in_marker))
     }
 }

@@ -27,7 +27,7 @@ pub(super) struct Loaded {
 }
 
 impl Loaded {
-    /// Replaces an `older` scene that was never shown.
+    /// Combines this scene with an `older` one that it replaces before that was shown.
     pub fn over(self, older: Self) -> Self {
         Self {
             light: self.light.over(older.light),
@@ -37,29 +37,29 @@ impl Loaded {
 }
 
 /// The outcome of a change.
-pub(super) enum News {
+pub(super) enum ReloadOutcome {
     /// The scene can be shown.
     Loaded(Box<Loaded>),
-    /// The scene cannot be read; the message for the user.
-    Kept(String),
+    /// The scene cannot be read and the previous one is kept; the message for the user.
+    Failed(String),
 }
 
-/// Inputs of the thread.
+/// Inputs of the reload thread.
 pub(super) struct Origin {
     /// The scene file.
     pub path: PathBuf,
     /// The session's scene without virtual objects.
     pub phantoms: Scene,
-    /// The scene that is shown.
+    /// The scene that was loaded last.
     pub shown: Arc<Scene>,
     pub rig: RigCalibration,
     pub config: Config,
     pub uploader: SceneUploader,
 }
 
-/// The thread and the channel of its updates. Dropping it ends the thread.
+/// The reload thread and the channel of its outcomes. Dropping it ends the thread.
 pub(super) struct Reload {
-    news: Option<Receiver<News>>,
+    outcomes: Option<Receiver<ReloadOutcome>>,
     stop: Option<Sender<()>>,
     thread: Option<JoinHandle<()>>,
 }
@@ -70,34 +70,34 @@ impl Reload {
     /// # Errors
     /// The system cannot start a thread.
     pub fn start(origin: Origin) -> Result<Self, RigError> {
-        let (sender, news) = bounded(1);
+        let (sender, outcomes) = bounded(1);
         let (stop, stopped) = bounded(1);
-        let mut watch = Watch::new(origin);
+        let mut watcher = FileWatcher::new(origin);
         let thread = threads::spawn_background("scene", move || {
             while stopped.recv_timeout(POLL_EVERY) == Err(RecvTimeoutError::Timeout) {
-                if let Some(news) = watch.look()
-                    && sender.send(news).is_err()
+                if let Some(outcome) = watcher.poll()
+                    && sender.send(outcome).is_err()
                 {
                     return;
                 }
             }
         });
         Ok(Self {
-            news: Some(news),
+            outcomes: Some(outcomes),
             stop: Some(stop),
             thread: Some(thread.map_err(|source| RigError::Thread { source })?),
         })
     }
 
     /// Returns the outcome of a change since the last call.
-    pub fn news(&self) -> Option<News> {
-        self.news.as_ref()?.try_recv().ok()
+    pub fn poll(&self) -> Option<ReloadOutcome> {
+        self.outcomes.as_ref()?.try_recv().ok()
     }
 }
 
 impl Drop for Reload {
     fn drop(&mut self) {
-        self.news = None;
+        self.outcomes = None;
         self.stop = None;
         if let Some(thread) = self.thread.take() {
             let _ = thread.join();
@@ -108,15 +108,17 @@ impl Drop for Reload {
 /// Modification time and size of a file; `None` if it does not exist.
 type Stamp = Option<(SystemTime, u64)>;
 
-struct Watch {
+/// Polls the files of the scene.
+struct FileWatcher {
     origin: Origin,
     files: Vec<PathBuf>,
-    /// Stamps of the files when they were last read, and at the last poll.
+    /// Stamps of the files when they were last read.
     read: Vec<Stamp>,
-    seen: Vec<Stamp>,
+    /// Stamps of the files at the last poll.
+    polled: Vec<Stamp>,
 }
 
-impl Watch {
+impl FileWatcher {
     fn new(origin: Origin) -> Self {
         let files = files_of(&origin.path);
         let stamps = stamps(&files);
@@ -124,26 +126,26 @@ impl Watch {
             origin,
             files,
             read: stamps.clone(),
-            seen: stamps,
+            polled: stamps,
         }
     }
 
     /// Reads the scene again once its files have changed and are equal in two successive polls.
-    fn look(&mut self) -> Option<News> {
+    fn poll(&mut self) -> Option<ReloadOutcome> {
         let now = stamps(&self.files);
-        let still = now == self.seen;
-        self.seen = now;
-        if !still || self.seen == self.read {
+        let is_stable = now == self.polled;
+        self.polled = now;
+        if !is_stable || self.polled == self.read {
             return None;
         }
         self.files = files_of(&self.origin.path);
         self.read = stamps(&self.files);
-        self.seen.clone_from(&self.read);
-        let news = self.load();
-        Some(news.unwrap_or_else(|error| News::Kept(error.to_string())))
+        self.polled.clone_from(&self.read);
+        let outcome = self.load();
+        Some(outcome.unwrap_or_else(|error| ReloadOutcome::Failed(error.to_string())))
     }
 
-    fn load(&mut self) -> Result<News, RigError> {
+    fn load(&mut self) -> Result<ReloadOutcome, RigError> {
         let origin = &mut self.origin;
         let scene = SceneAddition::load(&origin.path)?.onto(origin.phantoms.clone());
         let casters = casters(&scene);
@@ -151,7 +153,7 @@ impl Watch {
         let light = SceneLight::new(&origin.rig, &origin.config, both, &casters)?;
         let uploaded = origin.uploader.upload(&scene, &casters);
         origin.shown = Arc::new(scene);
-        Ok(News::Loaded(Box::new(Loaded {
+        Ok(ReloadOutcome::Loaded(Box::new(Loaded {
             scene: origin.shown.clone(),
             uploaded,
             light,

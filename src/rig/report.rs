@@ -1,4 +1,4 @@
-//! What happened, for `--report FILE.json`.
+//! The report of a replay, written by `--report FILE.json`.
 
 use penumbra_status::StageTimes;
 use penumbra_sync::PairingCounts;
@@ -8,11 +8,11 @@ use serde::Serialize;
 /// The report of one replay.
 #[derive(Clone, Debug, Serialize)]
 pub struct Report {
-    /// Version of this layout.
+    /// Version of this format.
     pub version: u32,
     /// The session's file name.
     pub session: String,
-    /// The file ended before its footer: the recorder was killed.
+    /// Whether the file ended before its footer, because the recorder was killed.
     pub truncated: bool,
     /// Adapter name.
     pub adapter: String,
@@ -22,17 +22,17 @@ pub struct Report {
     pub frames: FrameCounts,
     /// Tracker and environment counts.
     pub inputs: InputCounts,
-    /// Environment picture's age at the scene picture's exposure, milliseconds.
+    /// Age of the environment picture at the exposure of the scene picture, milliseconds.
     pub skew_ms: Skew,
-    /// The tracker's latency; null where nobody measured it.
+    /// The tracker's latency; null if it was not measured.
     pub tracker_latency: Option<LatencyReport>,
-    /// How the cameras were matched; null without an environment camera.
+    /// White balance between the cameras; null without an environment camera.
     pub white_balance: Option<MatchStatus>,
-    /// Dome lights in the last frame, and those of compact sources among them.
+    /// Number of dome lights in the last frame.
     pub lights: u32,
-    /// LightScheduler that stand for compact sources.
+    /// Number of these that represent compact sources.
     pub compact_lights: u32,
-    /// Times of each stage.
+    /// Duration of each stage.
     pub stages: StageTimes,
     /// Seconds from the first frame to the last.
     pub wall_seconds: f64,
@@ -41,59 +41,59 @@ pub struct Report {
 /// The tracker's latency, milliseconds.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct LatencyReport {
-    /// In force at the end.
+    /// Active at the end.
     pub used_ms: f64,
-    /// As measured in the end; null where nothing told it.
+    /// Last measured value; null if no measurement succeeded.
     pub measured_ms: Option<f64>,
-    /// 1σ of that.
+    /// Its standard deviation.
     pub sigma_ms: Option<f64>,
-    /// By `poses` or `image motion`.
+    /// Method of the measurement: `poses` or `image motion`.
     pub by: Option<&'static str>,
-    /// Why the last seconds do not tell.
+    /// Why the last seconds gave no measurement.
     pub note: Option<String>,
 }
 
-/// What became of the scene camera's pictures.
+/// Counts of scene camera pictures.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct FrameCounts {
-    /// Pictures in the recording (times loops).
+    /// Pictures in the recording, times the number of loops.
     pub in_session: u64,
     /// Pictures composed.
     pub composed: u64,
-    /// Left out because the machine was too slow for the pace.
+    /// Skipped because the machine was too slow.
     pub skipped: u64,
-    /// Damaged pictures left out.
+    /// Skipped because they were damaged.
     pub damaged: u64,
-    /// Composed without a pose: the camera's picture alone.
+    /// Composed without a pose: the camera's picture without virtual objects.
     pub without_pose: u64,
     /// Composed with a predicted pose.
     pub predicted_pose: u64,
-    /// Composed before any environment was seen.
+    /// Composed before the first environment picture.
     pub without_environment: u64,
 }
 
-/// What else came in.
+/// Counts of environment and tracker data.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct InputCounts {
     /// Pictures of the environment camera, brackets included.
     pub environment_frames: u64,
-    /// Environment instants, each with all its exposures.
+    /// Complete environment sets: all exposures of one instant.
     pub environment_sets: u64,
-    /// Instants of which an exposure is missing.
+    /// Environment sets with a missing exposure.
     pub incomplete_sets: u64,
     /// Tracker readings.
     pub poses: u64,
-    /// Readings that could not be.
+    /// Tracker readings rejected as implausible.
     pub rejected_poses: u64,
     /// Tracker bytes that belonged to no record.
     pub skipped_tracker_bytes: u64,
-    /// Times the clock went back.
+    /// Number of times that the clock went back.
     pub time_jumps: u64,
-    /// Stretches of the file that could not be read.
+    /// Parts of the file that could not be read.
     pub damaged_stretches: u64,
 }
 
-/// Skew of the environment behind the scene.
+/// Age of the environment picture relative to the scene picture, milliseconds.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Skew {
     /// Mean.
@@ -102,7 +102,7 @@ pub struct Skew {
     pub max: f64,
 }
 
-/// Running mean and maximum.
+/// Computes the running mean and maximum of the skew.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct SkewMeter {
     sum: f64,
@@ -111,7 +111,7 @@ pub struct SkewMeter {
 }
 
 impl SkewMeter {
-    /// One frame's skew, nanoseconds.
+    /// Adds the skew of a frame, nanoseconds.
     pub fn add(&mut self, nanos: i64) {
         let ms = nanos as f64 * 1e-6;
         self.sum += ms;
@@ -119,7 +119,7 @@ impl SkewMeter {
         self.max = self.max.max(ms);
     }
 
-    /// The result.
+    /// Returns mean and maximum.
     #[must_use]
     pub fn skew(&self) -> Skew {
         Skew {
@@ -130,8 +130,8 @@ impl SkewMeter {
 }
 
 impl InputCounts {
-    /// Takes what pairing counted.
-    pub fn take(&mut self, counts: &PairingCounts) {
+    /// Adds the counts of the pairing.
+    pub fn add_pairing(&mut self, counts: &PairingCounts) {
         self.environment_sets += counts.environment_sets;
         self.incomplete_sets += counts.incomplete_sets;
         self.rejected_poses += counts.rejected_poses;

@@ -1,4 +1,4 @@
-//! One run: each frame from its picture and its light to the outputs, and the counts.
+//! The state of a run: composes each prepared frame, passes it to the outputs and counts it.
 
 use crate::context::RunContext;
 use crate::display::DisplayLatency;
@@ -33,16 +33,16 @@ use penumbra_tracker_serial::freed::{FreedSender, Lens, optical_to_studio};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// Where finished pictures go.
-pub(super) struct Outlets {
+/// The outputs of composed pictures and their poses.
+pub(super) struct Outputs {
     pub screen: Option<Box<dyn Screen>>,
     pub folder: Option<FrameFolder>,
-    /// Who is told the scene camera's poses.
+    /// Sends the scene camera's poses by FreeD.
     pub pose_out: Option<FreedSender>,
-    /// Where they are written.
+    /// The file to which the poses are written.
     pub poses: Option<PoseFile>,
-    /// Told how long pictures take to them.
-    pub handing: Arc<DisplayLatency>,
+    /// Measures the time from a picture's arrival to the screen.
+    pub display_latency: Arc<DisplayLatency>,
 }
 
 /// The state of a run.
@@ -52,9 +52,9 @@ pub(super) struct Run {
     folder: Option<FrameFolder>,
     pose_out: Option<FreedSender>,
     poses: Option<PoseFile>,
-    handing: Arc<DisplayLatency>,
+    display_latency: Arc<DisplayLatency>,
     settings: Settings,
-    wished: tokio::sync::watch::Receiver<Settings>,
+    requested: tokio::sync::watch::Receiver<Settings>,
     stages: StageTimes,
     pub frames: FrameCounts,
     inputs: InputCounts,
@@ -67,20 +67,25 @@ pub(super) struct Run {
     planes: PlaneBakes,
     follower: BrightestFollower,
     brightest: BrightestLight,
-    /// Where they are in the picture at hand.
+    /// The virtual lights at the time of the current frame.
     lamps: Vec<PlacedLamp>,
     started: Instant,
-    /// Something is on the screen.
-    shown: bool,
-    closed: bool,
+    /// Whether a picture has been composed.
+    has_picture: bool,
+    /// Whether the user has closed the screen.
+    is_closed: bool,
 }
 
 impl Run {
+    /// Creates the compositor with the initial scene.
+    ///
+    /// # Errors
+    /// The session's scene cannot be read, or the system cannot start a thread.
     pub fn new(
         context: &RunContext,
         gpu: Gpu,
-        outlets: Outlets,
-        news: SceneUpdates,
+        outputs: Outputs,
+        scene_updates: SceneUpdates,
     ) -> Result<Self, RigError> {
         let (config, setup) = (&context.config, &context.setup);
         let settings = compositor_settings(config, context.source.is_live(), gpu.software);
@@ -90,14 +95,14 @@ impl Run {
             Distortion::Camera => LensOutput::Camera,
             Distortion::Undistorted => LensOutput::Undistorted,
         });
-        let scenes = Scenes::new(context, &mut compositor, news)?;
-        let Outlets {
+        let scenes = Scenes::new(context, &mut compositor, scene_updates)?;
+        let Outputs {
             screen,
             folder,
             pose_out,
             poses,
-            handing,
-        } = outlets;
+            display_latency,
+        } = outputs;
         Ok(Self {
             compositor,
             scenes,
@@ -105,9 +110,9 @@ impl Run {
             folder,
             pose_out,
             poses,
-            handing,
+            display_latency,
             settings: live_settings(config),
-            wished: context.status.settings_receiver(),
+            requested: context.status.settings_receiver(),
             stages: StageTimes::default(),
             frames: FrameCounts::default(),
             inputs: InputCounts::default(),
@@ -121,19 +126,23 @@ impl Run {
             brightest: BrightestLight::default(),
             lamps: Vec::new(),
             started: Instant::now(),
-            shown: false,
-            closed: false,
+            has_picture: false,
+            is_closed: false,
         })
     }
 
+    /// Returns whether the run must end: frame limit, closed screen, failed writer or shutdown.
     pub fn is_over(&self, context: &RunContext) -> bool {
         let limit = context.options.frame_limit;
-        let full = limit.is_some_and(|limit| self.frames.composed >= limit);
-        let writer_gone = self.folder.as_ref().is_some_and(|f| !f.is_alive());
-        full || self.closed || writer_gone || context.is_shutting_down()
+        let is_full = limit.is_some_and(|limit| self.frames.composed >= limit);
+        let has_writer_ended = self.folder.as_ref().is_some_and(|f| !f.is_alive());
+        is_full || self.is_closed || has_writer_ended || context.is_shutting_down()
     }
 
-    /// One frame, from its picture and its light to the outputs.
+    /// Composes a prepared frame, passes it to the outputs and publishes its status.
+    ///
+    /// # Errors
+    /// The compositor fails, an output cannot be written, or a bake fails.
     pub fn compose(
         &mut self,
         context: &RunContext,
@@ -142,18 +151,18 @@ impl Run {
         let begun = Instant::now();
         self.stages.record("decode", prepared.decoding);
         self.stages.record("environment", prepared.lighting);
-        self.take_settings();
+        self.apply_settings();
         self.light.clone_from(&prepared.light);
-        self.scenes.attend(
+        self.scenes.update(
             context,
             &self.settings,
             &mut self.planes,
             &mut self.compositor,
         )?;
-        self.draw(context, prepared)?;
+        self.render(context, prepared)?;
         self.stages.record("composite", begun.elapsed());
-        self.deliver(context, prepared)?;
-        self.tell_pose(prepared);
+        self.output(context, prepared)?;
+        self.send_pose(prepared);
         if let Some(poses) = &mut self.poses {
             poses.write(prepared)?;
         }
@@ -175,7 +184,7 @@ impl Run {
         self.count(prepared);
         let environment = prepared.frame.environment.as_ref();
         let skew = environment.map(|e| e.skew_nanos);
-        self.rates.composed(&prepared.counts.feed, skew);
+        self.rates.record_composed(&prepared.counts.feed, skew);
         published::publish(&Published {
             status: &context.status,
             source: &context.source,
@@ -194,25 +203,28 @@ impl Run {
         Ok(())
     }
 
-    /// No picture has come for a while: the last one stays, or a black one stands in its
-    /// place, and the status goes on.
+    /// Handles a pause without pictures: keeps the last picture on the screen, or a black one if
+    /// there was none, and updates the status.
+    ///
+    /// # Errors
+    /// The compositor fails.
     pub fn idle(&mut self, context: &RunContext, counts: &Counts) -> Result<(), RigError> {
-        if !self.shown {
-            self.black(context)?;
+        if !self.has_picture {
+            self.compose_black(context)?;
         }
         if let Some(screen) = &mut self.screen {
-            self.closed = !screen.show(&self.compositor);
+            self.is_closed = !screen.show(&self.compositor);
         }
         if context.status.wants_picture() {
             self.publish_picture(context)?;
         }
         self.counts = Some(*counts);
-        self.rates.idle(&counts.feed);
+        self.rates.record_idle(&counts.feed);
         published::publish_idle(&context.status, &context.source, &self.rates);
         Ok(())
     }
 
-    fn black(&mut self, context: &RunContext) -> Result<(), RigError> {
+    fn compose_black(&mut self, context: &RunContext) -> Result<(), RigError> {
         let (width, height) = context.picture_size();
         let pixels = width as usize * height as usize;
         let picture = Picture {
@@ -225,11 +237,11 @@ impl Run {
             show_virtual: false,
             ..FrameInput::new(&picture, camera)
         })?;
-        self.shown = true;
+        self.has_picture = true;
         Ok(())
     }
 
-    fn draw(&mut self, context: &RunContext, prepared: &PreparedFrame) -> Result<(), RigError> {
+    fn render(&mut self, context: &RunContext, prepared: &PreparedFrame) -> Result<(), RigError> {
         if let Some(light) = &prepared.light.lighting {
             let (generation, seconds) = (light.generation, prepared.seconds);
             self.brightest = self.follower.follow(generation, &light.lights, seconds);
@@ -245,13 +257,13 @@ impl Run {
             picture: &prepared.picture,
             camera: &scene_camera.camera,
             vignetting: scene_camera.vignetting,
-            rolling_shutter: prepared.rolling,
+            rolling_shutter: prepared.rolling_shutter,
             world_from_camera: prepared.world_from_camera,
-            reprojection: prepared.shown.map(|shown| shown.reprojection),
+            reprojection: prepared.display.map(|display| display.reprojection),
             lighting: prepared.light.lighting.as_deref(),
             indirect_light: prepared
                 .light
-                .near
+                .indirect
                 .as_deref()
                 .filter(|_| settings.indirect_light),
             lamps: &self.lamps,
@@ -269,27 +281,28 @@ impl Run {
             exposure: exposure(settings, prepared.seconds),
             highlights: settings.exposure_highlights,
         })?;
-        self.shown = true;
+        self.has_picture = true;
         Ok(())
     }
 
-    /// The picture to the window, the folder and whoever watches.
-    fn deliver(&mut self, context: &RunContext, prepared: &PreparedFrame) -> Result<(), RigError> {
+    /// Passes the picture to the screen, the folder and the dashboard's viewers.
+    fn output(&mut self, context: &RunContext, prepared: &PreparedFrame) -> Result<(), RigError> {
         let begun = Instant::now();
         if let Some(screen) = &mut self.screen {
-            self.closed = !screen.show(&self.compositor);
+            self.is_closed = !screen.show(&self.compositor);
         }
         let arrived_at = prepared.frame.scene.arrived_at;
-        self.handing.add(SystemClock.now().nanos_since(arrived_at));
-        let watched = context.status.wants_picture();
+        self.display_latency
+            .add(SystemClock.now().nanos_since(arrived_at));
+        let has_viewer = context.status.wants_picture();
         if let Some(folder) = &self.folder {
             let mut picture = folder.spare();
             self.compositor.read(&mut picture)?;
-            if watched {
+            if has_viewer {
                 context.status.publish_picture(Arc::new(picture.clone()));
             }
             folder.write(prepared.index, picture);
-        } else if watched {
+        } else if has_viewer {
             self.publish_picture(context)?;
         } else {
             self.compositor.gpu().wait()?;
@@ -298,8 +311,8 @@ impl Run {
         Ok(())
     }
 
-    /// A message that cannot be sent is lost: the next one says more.
-    fn tell_pose(&self, prepared: &PreparedFrame) {
+    /// Sends the pose. A failed message is dropped, because the next one replaces it.
+    fn send_pose(&self, prepared: &PreparedFrame) {
         if let (Some(sender), Some(pose)) = (&self.pose_out, prepared.world_from_camera) {
             let _ = sender.send(optical_to_studio(pose), Lens::default());
         }
@@ -312,9 +325,9 @@ impl Run {
         Ok(())
     }
 
-    fn take_settings(&mut self) {
-        if self.wished.has_changed().unwrap_or(false) {
-            self.settings = self.wished.borrow_and_update().clone();
+    fn apply_settings(&mut self) {
+        if self.requested.has_changed().unwrap_or(false) {
+            self.settings = self.requested.borrow_and_update().clone();
             self.compositor.set_light_budget(self.settings.light_count);
         }
     }
@@ -336,16 +349,17 @@ impl Run {
         }
     }
 
+    /// Adds the counts of a finished loop of the recording.
     pub fn finish_loop(&mut self, context: &RunContext, counts: &Counts) {
         self.add(counts);
         self.counts = None;
         context.status.update(|s| s.session.loops += 1);
     }
 
-    /// Pairing counts are of one loop, the others of all.
+    /// Adds counts to the report: pairing counts cover one loop, the others all loops.
     fn add(&mut self, counts: &Counts) {
         self.latency = counts.latency;
-        self.inputs.take(&counts.pairing);
+        self.inputs.add_pairing(&counts.pairing);
         self.frames.in_session = counts.feed.scene_frames;
         self.inputs.environment_frames = counts.feed.environment_frames;
         self.inputs.poses = counts.feed.poses;
@@ -353,13 +367,17 @@ impl Run {
         self.inputs.skipped_tracker_bytes = counts.skipped_tracker_bytes;
     }
 
+    /// Ends the run: completes the outputs and returns the report.
+    ///
+    /// # Errors
+    /// The recording has no picture of the scene camera, or an output cannot be written.
     pub fn into_report(mut self, context: &RunContext) -> Result<Report, RigError> {
         if let Some(counts) = self.counts.take() {
             self.add(&counts);
         }
-        let none = self.frames.in_session == 0 && self.frames.composed == 0;
+        let is_empty = self.frames.in_session == 0 && self.frames.composed == 0;
         if let Source::Recorded(session) = &context.source
-            && none
+            && is_empty
             && !context.is_shutting_down()
         {
             return Err(RigError::Empty {
@@ -367,7 +385,7 @@ impl Run {
             });
         }
         if self.frames.composed > 0 {
-            // Whoever opens the page after the end sees the last picture.
+            // The dashboard shows the last picture after the end of the run.
             self.publish_picture(context)?;
         }
         context

@@ -1,5 +1,4 @@
-//! Lets frames flow through the compositor to the outputs: those of a recording, or those
-//! of a live rig.
+//! Runs a recording or a live rig: composes its frames and passes them to the outputs.
 
 use crate::context::{RunContext, RunOptions};
 use crate::display::DisplayLatency;
@@ -9,7 +8,7 @@ use crate::notify::Notifier;
 use crate::poses::PoseFile;
 use crate::prepare::{Preparation, PreparationEvent, PreparationInputs};
 use crate::report::Report;
-use crate::run::{Outlets, Run};
+use crate::run::{Outputs, Run};
 use crate::setup::RigSetup;
 use crate::source::Source;
 use penumbra_compositor::Gpu;
@@ -26,11 +25,10 @@ use std::sync::atomic::AtomicBool;
 pub struct Runner(RunContext);
 
 impl Runner {
-    /// Reads what belongs to the rig and checks everything that can be checked before the
-    /// first frame.
+    /// Reads the calibration and scene of the rig and checks the configuration.
     ///
     /// # Errors
-    /// See [`RigError`].
+    /// The calibration, an object or the scene file is missing or invalid; see [`RigError`].
     pub fn new(
         source: Source,
         config: Config,
@@ -55,10 +53,12 @@ impl Runner {
         self.0.picture_size()
     }
 
-    /// Runs to the end of the recording, the frame limit, or the shutdown.
+    /// Runs until the end of the recording, the frame limit or shutdown. Skips and counts damaged
+    /// pictures.
     ///
     /// # Errors
-    /// See [`RigError`]. A damaged picture is counted and left out.
+    /// An output cannot be created or written, the compositor fails, the recording has no picture,
+    /// or the system cannot start a thread; see [`RigError`].
     pub fn run(self, gpu: Gpu, screen: Option<Box<dyn Screen>>) -> Result<Report, RigError> {
         let context = &self.0;
         let folder = match &context.config.output.frames {
@@ -69,30 +69,35 @@ impl Runner {
         let poses = poses.map(|path| PoseFile::create(path, context.options.force));
         let poses = poses.transpose()?;
         let pose_out = context.config.output.freed.map(pose_sender).transpose()?;
-        let news = SceneUpdates::default();
-        let handing = Arc::<DisplayLatency>::default();
-        let told = PreparationInputs {
-            wished: context.status.settings_receiver(),
-            news: news.clone(),
-            handing: handing.clone(),
+        let scene_updates = SceneUpdates::default();
+        let display_latency = Arc::<DisplayLatency>::default();
+        let inputs = PreparationInputs {
+            requested: context.status.settings_receiver(),
+            scene_updates: scene_updates.clone(),
+            display_latency: display_latency.clone(),
         };
         let stop = context.shutdown.clone();
-        let preparation =
-            Preparation::start_with(&context.setup, &context.config, &context.source, told, stop)?;
-        // Only now is there somebody to take what they deliver.
+        let preparation = Preparation::start_with(
+            &context.setup,
+            &context.config,
+            &context.source,
+            inputs,
+            stop,
+        )?;
+        // The devices are opened only when the preparation can take their deliveries.
         if let Source::Live(live) = &context.source {
             live.open()?;
         }
         crate::status::begin(&context.status, &context.source, &context.setup, &gpu);
         let mut notifier = Notifier::new();
-        let outlets = Outlets {
+        let outputs = Outputs {
             screen,
             folder,
             pose_out,
             poses,
-            handing,
+            display_latency,
         };
-        let mut run = Run::new(context, gpu, outlets, news)?;
+        let mut run = Run::new(context, gpu, outputs, scene_updates)?;
         while !run.is_over(context) {
             let Some(step) = preparation.next() else {
                 break;
@@ -107,7 +112,7 @@ impl Runner {
                 PreparationEvent::Idle(counts) => run.idle(context, &counts)?,
                 PreparationEvent::End(counts) => run.finish_loop(context, &counts),
             }
-            notifier.turn(|| sentence(context));
+            notifier.turn(|| status_line(context));
         }
         drop(preparation);
         run.into_report(context)
@@ -115,21 +120,24 @@ impl Runner {
 }
 
 /// Returns the one-line state of the run for the service manager.
-fn sentence(context: &RunContext) -> String {
+fn status_line(context: &RunContext) -> String {
     let snapshot = context.status.snapshot();
     let devices = snapshot.devices.iter();
-    let troubled: Vec<_> = devices
+    let problems: Vec<_> = devices
         .filter_map(|d| Some(format!("{}: {}", d.kind.label(), d.reason.as_ref()?)))
         .collect();
     let rate = snapshot.frames.per_second;
-    if troubled.is_empty() {
+    if problems.is_empty() {
         format!("{rate:.1} frames/s")
     } else {
-        format!("{rate:.1} frames/s; {}", troubled.join("; "))
+        format!("{rate:.1} frames/s; {}", problems.join("; "))
     }
 }
 
-/// Who tells poses to virtual-production tools, as camera 1.
+/// Creates the sender of FreeD poses to virtual-production tools, as camera 1.
+///
+/// # Errors
+/// The receiver cannot be reached.
 fn pose_sender(receiver: SocketAddr) -> Result<FreedSender, RigError> {
     FreedSender::new(receiver, 1).map_err(|source| RigError::Freed { receiver, source })
 }

@@ -1,10 +1,10 @@
-//! Holds the scene in the picture and replaces it between frames when its file changes.
+//! Holds the rendered scene and replaces it between frames when its file changes.
 
 use crate::context::RunContext;
 use crate::error::RigError;
 use crate::light::updates::SceneUpdates;
 use crate::planes::PlaneBakes;
-use crate::reload::{Loaded, News, Origin, Reload};
+use crate::reload::{Loaded, Origin, Reload, ReloadOutcome};
 use crate::setup::RigSetup;
 use glam::DQuat;
 use penumbra_compositor::Compositor;
@@ -14,26 +14,26 @@ use penumbra_scene::SceneChoice;
 use penumbra_status::{SceneStatus, Settings};
 use std::sync::Arc;
 
-/// The scene that is shown and the one that will replace it.
+/// The rendered scene and the one that will replace it.
 pub(super) struct Scenes {
     shown: Arc<Scene>,
     /// The next scene, whose bake is not ready yet.
     next: Option<Box<Loaded>>,
     reload: Option<Reload>,
-    news: SceneUpdates,
-    turn: DQuat,
+    scene_updates: SceneUpdates,
+    dome_rotation: DQuat,
     status: SceneStatus,
 }
 
 impl Scenes {
-    /// Shows the initial scene and watches its file, if it has one.
+    /// Shows the initial scene and starts to watch its file, if it has one.
     ///
     /// # Errors
     /// The session's scene cannot be read, or the system cannot start a thread.
     pub fn new(
         context: &RunContext,
         compositor: &mut Compositor,
-        news: SceneUpdates,
+        scene_updates: SceneUpdates,
     ) -> Result<Self, RigError> {
         let scene = &context.setup.scene;
         compositor.set_scene(scene, &penumbra_scene::casters(scene));
@@ -57,79 +57,80 @@ impl Scenes {
             }
             SceneChoice::Session | SceneChoice::None => None,
         };
-        warn_of(context, &shown);
+        publish_warnings(context, &shown);
         Ok(Self {
             shown,
             next: None,
             reload,
-            news,
-            turn: DQuat::IDENTITY,
+            scene_updates,
+            dome_rotation: DQuat::IDENTITY,
             status,
         })
     }
 
-    /// The scene in the picture.
+    /// Returns the rendered scene.
     pub const fn shown(&self) -> &Arc<Scene> {
         &self.shown
     }
 
-    /// Status of the scene file's changes.
+    /// Returns the status of the scene file's changes.
     pub const fn status(&self) -> &SceneStatus {
         &self.status
     }
 
-    /// Shows a changed scene as soon as possible: with shadowing planes, when its bake is ready or has
-    /// failed.
-    pub fn attend(
+    /// Shows a changed scene as soon as it is loaded or, with shadowing planes, as soon as its bake
+    /// is ready or has failed.
+    pub fn update(
         &mut self,
         context: &RunContext,
         settings: &Settings,
         planes: &mut PlaneBakes,
         compositor: &mut Compositor,
     ) -> Result<(), RigError> {
-        match self.reload.as_ref().and_then(Reload::news) {
-            Some(News::Loaded(loaded)) => self.wait_for(context, loaded),
-            Some(News::Kept(reason)) => self.keep(context, reason),
+        match self.reload.as_ref().and_then(Reload::poll) {
+            Some(ReloadOutcome::Loaded(loaded)) => self.set_next(context, loaded),
+            Some(ReloadOutcome::Failed(reason)) => self.reject(context, reason),
             None => (),
         }
         let wanted = self.next.as_ref().map_or(&self.shown, |next| &next.scene);
         let wanted = wanted.clone();
-        if planes.attend(context, settings, (&wanted, &self.shown), compositor)?
+        if planes.update(context, settings, (&wanted, &self.shown), compositor)?
             && let Some(next) = self.next.take()
         {
             compositor.show_scene(next.uploaded);
-            self.news.tell_scene(next.light);
+            self.scene_updates.set_scene(next.light);
             let old = std::mem::replace(&mut self.shown, next.scene);
             context.status.update(|s| {
                 old.warnings.iter().for_each(|text| s.clear_warning(text));
             });
-            warn_of(context, &self.shown);
+            publish_warnings(context, &self.shown);
             self.status.loads += 1;
         }
-        if self.turn != planes.turn() {
-            self.turn = planes.turn();
-            self.news.tell_turn(self.turn.as_quat());
+        if self.dome_rotation != planes.dome_rotation() {
+            self.dome_rotation = planes.dome_rotation();
+            self.scene_updates
+                .set_dome_rotation(self.dome_rotation.as_quat());
         }
         Ok(())
     }
 
-    fn wait_for(&mut self, context: &RunContext, loaded: Box<Loaded>) {
-        self.settle(context);
+    fn set_next(&mut self, context: &RunContext, loaded: Box<Loaded>) {
+        self.clear_failure(context);
         self.next = Some(match self.next.take() {
             Some(older) => Box::new(loaded.over(*older)),
             None => loaded,
         });
     }
 
-    fn keep(&mut self, context: &RunContext, reason: String) {
-        self.settle(context);
-        tracing::warn!("{reason}; the scene stays as it was");
+    fn reject(&mut self, context: &RunContext, reason: String) {
+        self.clear_failure(context);
+        tracing::warn!("{reason}; the previous scene is kept");
         context.status.update(|s| s.warn(&reason));
         self.status.reason = Some(reason);
     }
 
     /// Clears the warning of an earlier failure.
-    fn settle(&mut self, context: &RunContext) {
+    fn clear_failure(&mut self, context: &RunContext) {
         if let Some(reason) = self.status.reason.take() {
             context.status.update(|s| s.clear_warning(&reason));
         }
@@ -137,7 +138,7 @@ impl Scenes {
 }
 
 /// Publishes the warnings of a scene.
-fn warn_of(context: &RunContext, scene: &Scene) {
+fn publish_warnings(context: &RunContext, scene: &Scene) {
     for text in &scene.warnings {
         tracing::warn!("{text}");
         context.status.update(|s| s.warn(text));

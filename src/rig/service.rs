@@ -1,5 +1,5 @@
 //! Runs the status server and handles the signals that end the program, on its own thread. Frames
-//! never wait for it.
+//! do not wait for it.
 
 use penumbra_interface::threads;
 use penumbra_status::{StatusError, StatusServer};
@@ -16,8 +16,8 @@ pub struct Service {
 }
 
 impl Service {
-    /// Serves `server`, if there is one. SIGINT (Ctrl-C) and SIGTERM set `shutdown`, which the frame
-    /// loop checks.
+    /// Serves `server`, if there is one. SIGINT (Ctrl-C) and SIGTERM set `shutdown`, which the
+    /// frame loop checks.
     ///
     /// # Errors
     /// The system cannot provide a thread, a runtime or a signal handler.
@@ -31,7 +31,7 @@ impl Service {
         };
         let (stop, stopped) = oneshot::channel();
         let thread = threads::spawn("service", move || {
-            runtime.block_on(attend(server, signals, shutdown, stopped));
+            runtime.block_on(run(server, signals, shutdown, stopped));
         })?;
         Ok(Self {
             stop: Some(stop),
@@ -49,7 +49,7 @@ impl Drop for Service {
 }
 
 /// Runs the server and the signal handler concurrently until `stopped`.
-async fn attend(
+async fn run(
     server: Option<StatusServer>,
     signals: Signals,
     shutdown: Arc<AtomicBool>,
@@ -58,23 +58,23 @@ async fn attend(
     tokio::select! {
         _ = stopped => (),
         () = serve(server) => (),
-        () = watch(signals, &shutdown) => (),
+        () = handle_signals(signals, &shutdown) => (),
     }
 }
 
-/// Serves for ever; without a server, waits for ever.
+/// Serves until it is cancelled, or only waits for that without a server.
 async fn serve(server: Option<StatusServer>) {
     if let Some(server) = server {
         let served: Result<(), StatusError> = server.serve(std::future::pending()).await;
         if let Err(error) = served {
-            tracing::warn!(%error, "the status page has ended");
+            tracing::warn!(%error, "the status server has stopped");
         }
     }
     std::future::pending().await
 }
 
-/// Sets `shutdown` on every signal.
-async fn watch(mut signals: Signals, shutdown: &AtomicBool) {
+/// Sets `shutdown` at every signal.
+async fn handle_signals(mut signals: Signals, shutdown: &AtomicBool) {
     while signals.next().await {
         shutdown.store(true, Ordering::Relaxed);
     }
@@ -98,11 +98,11 @@ impl Signals {
         })
     }
 
-    /// True at a signal, false when there will be none.
+    /// Waits for a signal; returns false if none can arrive any more.
     async fn next(&mut self) -> bool {
         tokio::select! {
-            got = self.interrupt.recv() => got.is_some(),
-            got = self.terminate.recv() => got.is_some(),
+            signal = self.interrupt.recv() => signal.is_some(),
+            signal = self.terminate.recv() => signal.is_some(),
         }
     }
 }
@@ -113,12 +113,12 @@ struct Signals;
 
 #[cfg(not(unix))]
 impl Signals {
-    #[expect(clippy::unnecessary_wraps, reason = "as on Unix")]
+    #[expect(clippy::unnecessary_wraps, reason = "same signature as on Unix")]
     const fn new() -> io::Result<Self> {
         Ok(Self)
     }
 
-    /// True at a signal, false when there will be none.
+    /// Waits for a signal; returns false if none can arrive any more.
     async fn next(&mut self) -> bool {
         tokio::signal::ctrl_c().await.is_ok()
     }

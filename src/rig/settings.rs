@@ -53,7 +53,8 @@ pub(super) const fn exposure(settings: &Settings, seconds: f64) -> Exposure {
 /// Shadow map samples per light and point for soft shadows when rendering need not be real-time.
 const SOFT_SAMPLES: u32 = 4;
 
-/// Returns the compositor's settings. `is_live`: frames must keep the cameras' rate.
+/// Returns the compositor's settings. `is_live`: frames must keep up with the cameras; `software`:
+/// the adapter renders on the CPU.
 pub(super) fn compositor_settings(
     config: &Config,
     is_live: bool,
@@ -61,12 +62,12 @@ pub(super) fn compositor_settings(
 ) -> CompositorSettings {
     let automatic = CompositorSettings::for_adapter(software);
     // A replay at maximum speed has no real-time deadline.
-    let unhurried = !is_live && config.replay.speed == ReplaySpeed::Max;
+    let is_offline = !is_live && config.replay.speed == ReplaySpeed::Max;
     CompositorSettings {
         light_budget: config.environment.light_count,
         shadow_map_size: config.shadows.map_size,
         shadow_step: match config.shadows.resolution {
-            ShadowResolution::Auto if unhurried => 1,
+            ShadowResolution::Auto if is_offline => 1,
             ShadowResolution::Auto => automatic.shadow_step,
             ShadowResolution::Full => 1,
             ShadowResolution::Half => 2,
@@ -79,14 +80,14 @@ pub(super) fn compositor_settings(
         soft_samples: if config.shadows.soft {
             automatic
                 .soft_samples
-                .max(if unhurried { SOFT_SAMPLES } else { 1 })
+                .max(if is_offline { SOFT_SAMPLES } else { 1 })
         } else {
             1
         },
     }
 }
 
-/// Returns the pairing of the streams of `rig`: its latencies and brackets, defaults otherwise.
+/// Returns the pairing settings with the latencies and brackets of `rig`, defaults otherwise.
 #[must_use]
 pub fn pairing_config(rig: &RigCalibration) -> PairingConfig {
     let environment = rig.environment.as_ref();

@@ -1,7 +1,7 @@
 //! The rig of one run: calibration, scene and pose source, with the configuration's overrides.
 
 use crate::error::RigError;
-use crate::markers::{pose_source, wanted_tags};
+use crate::markers::{pose_source, tag_map_for};
 use crate::source::Source;
 use penumbra_config::{Config, PoseSource};
 use penumbra_fiducials::TagMap;
@@ -11,18 +11,18 @@ use penumbra_rig_model::{RigCalibration, RigDocument, RigFilesError};
 use penumbra_scene::Scene;
 use penumbra_sync::{PoseAt, RigFrame};
 
-/// What a session and a configuration say about the rig, made true.
+/// The rig as described by its files and the configuration.
 #[derive(Clone)]
 pub struct RigSetup {
     /// Calibration with the configuration's overrides.
     pub calibration: RigCalibration,
-    /// What is drawn.
+    /// Virtual objects and phantoms.
     pub scene: Scene,
-    /// What tells the scene camera's pose; never [`PoseSource::Auto`].
+    /// Source of the scene camera's pose; never [`PoseSource::Auto`].
     pub pose: PoseSource,
-    /// Fiducials by which it is found, instead of a tracker or beside one.
+    /// Map of the fiducials; `None` if the pose comes from the tracker alone.
     pub tags: Option<TagMap>,
-    /// Somebody has calibrated the rig.
+    /// Whether the rig has calibration files.
     pub calibrated: bool,
 }
 
@@ -30,7 +30,7 @@ impl RigSetup {
     /// Reads calibration and scene from `source` and `config`.
     ///
     /// # Errors
-    /// A missing or broken calibration, object or scene file.
+    /// A calibration, object or scene file is missing or invalid.
     pub fn read(source: &Source, config: &Config) -> Result<Self, RigError> {
         let attachments = |name: &str| source.attachment(name);
         let mut document = source.document(config)?;
@@ -40,11 +40,11 @@ impl RigSetup {
             .map_err(RigFilesError::from)?;
         let scene = document.chosen_scene(&config.scene, &attachments)?;
         let mut calibration = calibration(&document, config);
-        let tracker = calibration.tracker.is_some();
-        let pose = pose_source(&document.markers, tracker, config)?;
-        let tags = wanted_tags(&document.markers, pose)?;
+        let has_tracker = calibration.tracker.is_some();
+        let pose = pose_source(&document.markers, has_tracker, config)?;
+        let tags = tag_map_for(&document.markers, pose)?;
         if pose == PoseSource::Markers {
-            // Nothing waits for a tracker that nobody asks.
+            // Pairing must not wait for a tracker that is not used.
             calibration.tracker = None;
         }
         Ok(Self {
@@ -58,36 +58,41 @@ impl RigSetup {
         })
     }
 
-    /// The scene camera's pose for a paired frame, if the sensor's is known.
+    /// Returns the scene camera's pose of a paired frame by the tracker; `None` if the frame has no
+    /// tracker pose or the tracker is not used.
     #[must_use]
     pub fn world_from_camera(&self, frame: &RigFrame) -> Option<RigidTransform> {
         if self.pose == PoseSource::Markers {
             return None;
         }
-        Some(self.camera_of(frame.pose.as_ref()?.transmitter_from_sensor))
+        Some(self.world_from_scene_camera(frame.pose.as_ref()?.transmitter_from_sensor))
     }
 
-    /// The scene camera's pose, the tracker's sensor being there.
-    pub(crate) fn camera_of(&self, transmitter_from_sensor: RigidTransform) -> RigidTransform {
+    /// Returns `world_from_scene_camera` for a pose of the tracker's sensor.
+    pub(crate) fn world_from_scene_camera(
+        &self,
+        transmitter_from_sensor: RigidTransform,
+    ) -> RigidTransform {
         let tracker = self.calibration.tracker.as_ref();
         let sensor = transmitter_from_sensor;
         tracker.map_or(sensor, |t| t.world_from_scene_camera(sensor))
     }
 }
 
-/// Noise of a pose by a tracker that tells none: metres, radians.
+/// Assumed pose noise of a tracker that does not report any: metres, radians (1σ).
 pub(crate) const TRACKER_NOISE: [f64; 2] = [2e-4, 3e-4];
 
 impl RigSetup {
-    /// Standard deviations, along an axis, of the noise of the scene camera's pose by the
-    /// tracker: metres, radians.
+    /// Returns the standard deviations per axis of the scene camera's pose by the tracker: metres,
+    /// radians.
     pub(crate) fn tracker_noise(&self, frame: &RigFrame) -> Option<[f64; 2]> {
-        let over_all = self.camera_noise(frame.pose.as_ref()?)?;
-        Some(over_all.map(|all| all / 3.0_f64.sqrt()))
+        let total = self.camera_noise(frame.pose.as_ref()?)?;
+        Some(total.map(|sigma| sigma / 3.0_f64.sqrt()))
     }
 
-    /// Standard deviations over all axes of the scene camera's pose by one of the tracker:
-    /// metres, radians. The camera stands off the sensor, so that the sensor's turn moves it.
+    /// Returns the standard deviations over all axes of the scene camera's pose for a tracker pose:
+    /// metres, radians. The camera is mounted at a distance from the sensor, so rotation noise of
+    /// the sensor displaces it.
     pub(crate) fn camera_noise(&self, pose: &PoseAt) -> Option<[f64; 2]> {
         let [metres, radians] = pose.sigma?;
         let tracker = self.calibration.tracker.as_ref();
@@ -96,7 +101,7 @@ impl RigSetup {
     }
 }
 
-/// The session's calibration with what the configuration overrides.
+/// Returns the calibration of `document` with the configuration's overrides.
 fn calibration(document: &RigDocument, config: &Config) -> RigCalibration {
     let mut rig = document.calibration.clone();
     if let Some(curve) = &config.scene_camera.response {

@@ -1,4 +1,5 @@
-//! Simulates trackers at a pseudo-terminal or by datagrams. A live rig opens them like real devices.
+//! Simulates trackers at a pseudo-terminal or by UDP datagrams. A live rig opens them like real
+//! devices.
 
 use crate::service::Service;
 use penumbra_interface::SystemClock;
@@ -57,14 +58,17 @@ pub enum SimulateError {
     /// The session cannot be read.
     #[error(transparent)]
     Session(#[from] SessionError),
-    /// The session has no bytes of a tracker.
-    #[error("{}: holds no bytes of a tracker; record one, or leave --session out", path.display())]
+    /// The session has no tracker data.
+    #[error(
+        "{}: has no tracker data; record a session with a tracker, or omit --session",
+        path.display()
+    )]
     NoBytes {
         /// The session.
         path: PathBuf,
     },
     /// No protocol was given.
-    #[error("which tracker? add --protocol fastrak, liberty, patriot, flock, freed or csv")]
+    #[error("no protocol given; add --protocol fastrak, liberty, patriot, flock, freed or csv")]
     NoProtocol,
     /// The protocol is unknown.
     #[error(transparent)]

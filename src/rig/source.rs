@@ -1,4 +1,4 @@
-//! Where frames come from: a recording, or devices.
+//! The source of frames: a recording or live devices.
 
 use crate::error::RigError;
 use penumbra_capture::{Capture, Devices, Hub, LiveDevice};
@@ -12,37 +12,37 @@ use std::io::Read;
 use std::path::Path;
 use std::sync::{Arc, OnceLock, Weak};
 
-/// Size of the picture of a camera that nobody has said anything about, pixels.
-const USUAL_SIZE: (u32, u32) = (640, 480);
+/// Picture size of a camera whose size is not configured, pixels.
+const DEFAULT_SIZE: (u32, u32) = (640, 480);
 
-/// A recording or a live rig; everything after it is the same.
+/// A recording or a live rig; all later processing is the same for both.
 #[derive(Clone)]
 pub enum Source {
     /// A recording.
     Recorded(Session),
-    /// Devices.
+    /// Live devices.
     Live(Live),
 }
 
-/// Devices, and what was known of the rig beforehand.
+/// Live devices and the files of their rig.
 #[derive(Clone)]
 pub struct Live {
-    /// Where what they deliver is to be had.
+    /// Queue of the devices' deliveries.
     pub hub: Arc<Hub>,
-    /// Which.
+    /// The configured devices.
     pub devices: Arc<Devices>,
-    /// Their supervisors, once they are open.
+    /// Supervisors of the devices; empty until they are opened.
     capture: Arc<OnceLock<Capture>>,
-    /// Calibration, phantoms, objects.
+    /// Files of the rig: calibration, phantoms, objects.
     pub files: Arc<RigFiles>,
 }
 
-/// Looks at devices as long as somebody else keeps them open.
+/// Observes the devices of a [`Live`] without keeping them open.
 #[derive(Clone, Default)]
 pub struct DeviceObserver(Weak<OnceLock<Capture>>);
 
 impl DeviceObserver {
-    /// The devices; none before they are opened and after they are closed.
+    /// Returns the devices; empty before they are opened and after they are closed.
     #[must_use]
     pub fn devices(&self) -> Vec<LiveDevice> {
         let capture = self.0.upgrade();
@@ -53,15 +53,16 @@ impl DeviceObserver {
     }
 }
 
-/// The files that say what a rig is: those that a session carries as attachments.
+/// The files that describe a rig, which a session holds as attachments.
 #[derive(Clone, Debug, Default)]
 pub struct RigFiles(Vec<Attachment>);
 
 impl RigFiles {
-    /// Of the folder or the session that the configuration names; none if it names none.
+    /// Loads the files of the folder or session named by the configuration's `calibration`; empty
+    /// if there is none.
     ///
     /// # Errors
-    /// Neither a folder nor a session is there; something in it cannot be read.
+    /// The path is neither a folder nor a session, or a file in it cannot be read.
     pub fn load(config: &Config) -> Result<Self, RigError> {
         let Some(path) = &config.calibration else {
             return Ok(Self::default());
@@ -69,7 +70,7 @@ impl RigFiles {
         Self::at(path)
     }
 
-    /// Of a folder or a session.
+    /// Loads the files of a folder or session.
     ///
     /// # Errors
     /// As [`RigFiles::load`].
@@ -100,33 +101,34 @@ impl RigFiles {
         }]))
     }
 
-    /// These, and `newer` ones before those of the same name.
+    /// Adds `newer` files, which replace files of the same name.
     #[must_use]
     pub fn with(mut self, newer: Self) -> Self {
         self.0.extend(newer.0);
         self
     }
 
-    /// A file's bytes.
+    /// Returns the bytes of a file.
     #[must_use]
     pub fn get(&self, name: &str) -> Option<&[u8]> {
         let found = self.0.iter().rev().find(|file| file.name == name)?;
         Some(&found.data)
     }
 
-    /// What they say of the rig; without a `rig.json`, what was calibrated of it, and guesses.
+    /// Parses the description of the rig. Without a `rig.json`, it consists of the calibration
+    /// files and default values.
     ///
     /// # Errors
-    /// A file that cannot be read.
+    /// A file is invalid.
     pub fn document(&self, config: &Config) -> Result<RigDocument, RigError> {
         let attachments = |name: &str| self.get(name);
         Ok(match self.get("rig.json") {
             Some(_) => RigDocument::from_session(&attachments)?,
-            None => RigDocument::without_rig_json(wanted_size(config), &attachments)?,
+            None => RigDocument::without_rig_json(configured_size(config), &attachments)?,
         })
     }
 
-    /// All of them.
+    /// Returns all files.
     #[must_use]
     pub fn all(&self) -> &[Attachment] {
         &self.0
@@ -134,10 +136,12 @@ impl RigFiles {
 }
 
 impl Live {
-    /// The configured devices, not open yet. With `composed` false they are recorded alone.
+    /// Creates the configured devices without opening them. `composed`: their pictures are
+    /// composed, not only recorded.
     ///
     /// # Errors
-    /// Files of the rig that cannot be read; a unit that contradicts them.
+    /// The rig's files cannot be read, or the configured unit of the tracker contradicts its
+    /// calibration.
     pub fn new(config: &Config, composed: bool) -> Result<Self, RigError> {
         let files = RigFiles::load(config)?;
         let devices = Devices {
@@ -153,33 +157,36 @@ impl Live {
         })
     }
 
-    /// Starts to supervise the devices.
+    /// Opens the devices and starts their supervision.
     ///
     /// # Errors
-    /// No more threads.
+    /// The system cannot start a thread.
     pub fn open(&self) -> Result<(), RigError> {
         let capture = Capture::start(&self.devices, &self.hub)
             .map_err(|source| RigError::Thread { source })?;
-        // Opening twice closes the second ones again.
+        // If the devices are open already, this drops the second capture and closes it.
         let _ = self.capture.set(capture);
         Ok(())
     }
 
-    /// The devices, for somebody who must not keep them open.
+    /// Returns an observer of the devices that does not keep them open.
     #[must_use]
-    pub fn onlooker(&self) -> DeviceObserver {
+    pub fn observer(&self) -> DeviceObserver {
         DeviceObserver(Arc::downgrade(&self.capture))
     }
 
-    /// What is known of the devices.
+    /// Returns the supervised devices; empty before they are opened.
     #[must_use]
     pub fn supervised(&self) -> &[LiveDevice] {
         self.capture.get().map_or(&[], Capture::devices)
     }
 }
 
-/// The tracker, told to measure in the unit that it was calibrated in: a recording keeps the
-/// calibration and the bytes, and they must go together.
+/// Returns the configured tracker, set to the unit of its calibration: a recording holds the
+/// calibration and the tracker's bytes, which must use the same unit.
+///
+/// # Errors
+/// The rig's files are invalid, or the configured unit contradicts the calibration.
 pub(super) fn tracker(
     config: &Config,
     files: &RigFiles,
@@ -191,8 +198,8 @@ pub(super) fn tracker(
     let document = files.document(config)?;
     let metres = document.calibration.tracker.map(|t| t.metres_per_unit);
     match (tracker.units, metres) {
-        (Some(told), Some(metres)) if (told.metres() - metres).abs() > 1e-6 => {
-            return Err(RigError::Units { told, metres });
+        (Some(configured), Some(metres)) if (configured.metres() - metres).abs() > 1e-6 => {
+            return Err(RigError::Units { configured, metres });
         }
         (None, Some(metres)) => tracker.units = TrackerUnits::from_metres(metres),
         _ => (),
@@ -201,7 +208,7 @@ pub(super) fn tracker(
 }
 
 impl Source {
-    /// A file that belongs to the rig.
+    /// Returns a file of the rig.
     #[must_use]
     pub fn attachment(&self, name: &str) -> Option<&[u8]> {
         match self {
@@ -210,7 +217,7 @@ impl Source {
         }
     }
 
-    /// What the rig's owner wrote down about it. A live rig may do without.
+    /// Parses the description of the rig. Only a live rig may lack a `rig.json`.
     pub(super) fn document(&self, config: &Config) -> Result<RigDocument, RigError> {
         match self {
             Self::Live(live) => live.files.document(config),
@@ -220,7 +227,7 @@ impl Source {
         }
     }
 
-    /// There are pictures of an environment camera.
+    /// Returns whether the source has pictures of an environment camera.
     #[must_use]
     pub fn has_environment(&self) -> bool {
         match self {
@@ -229,7 +236,7 @@ impl Source {
         }
     }
 
-    /// What is played or seen, in a word.
+    /// Returns the file name of the recording, or `live`.
     #[must_use]
     pub fn name(&self) -> String {
         match self {
@@ -241,7 +248,8 @@ impl Source {
         }
     }
 
-    /// Share of a recording that has arrived by `at`.
+    /// Returns the share of a recording, 0..=1, that arrived by `at`; `None` for live devices and
+    /// for a recording without duration.
     #[must_use]
     pub fn share_played(&self, at: MonotonicTime) -> Option<f64> {
         match self {
@@ -250,18 +258,19 @@ impl Source {
         }
     }
 
-    /// Devices deliver, now.
+    /// Returns whether the source is live devices.
     #[must_use]
     pub const fn is_live(&self) -> bool {
         matches!(self, Self::Live(_))
     }
 }
 
-fn wanted_size(config: &Config) -> (u32, u32) {
+/// Returns the configured size of the scene camera's pictures, else the default, pixels.
+fn configured_size(config: &Config) -> (u32, u32) {
     match &config.scene_camera.source {
         penumbra_config::CameraSource::System(s) if s.width > 0 && s.height > 0 => {
             (s.width, s.height)
         }
-        _ => USUAL_SIZE,
+        _ => DEFAULT_SIZE,
     }
 }

@@ -73,8 +73,8 @@ pub fn begin(status: &SharedStatus, source: &Source, setup: &RigSetup, gpu: &Gpu
 }
 
 /// Warning of a live rig without a calibration.
-const UNCALIBRATED: &str = "the rig is not calibrated, so the picture is the camera's; name its \
-    calibration under [calibration] from";
+const UNCALIBRATED: &str = "the rig is not calibrated, so no virtual objects are shown; set \
+    `[calibration] from` to the folder of its calibration";
 
 /// Publishes the state of a live rig while no picture arrives.
 pub fn publish_idle(status: &SharedStatus, source: &Source, rates: &Rates) {
@@ -132,11 +132,11 @@ pub fn publish(p: &Published<'_>) {
     });
 }
 
-fn exposure(in_force: ActiveExposure) -> ExposureStatus {
-    let brightness = in_force.brightness;
+fn exposure(active: ActiveExposure) -> ExposureStatus {
+    let brightness = active.brightness;
     ExposureStatus {
-        ev: in_force.stops,
-        target_ev: in_force.wanted,
+        ev: active.stops,
+        target_ev: active.wanted,
         camera: brightness.map(|b| b.camera),
         added: brightness.map(|b| b.added),
         removed: brightness.map(|b| b.taken),
@@ -144,20 +144,20 @@ fn exposure(in_force: ActiveExposure) -> ExposureStatus {
 }
 
 fn pairing(s: &mut Snapshot, frame: &RigFrame, rates: &Rates) {
-    if let Some([median, most]) = rates.skew_ms() {
+    if let Some([median, p99]) = rates.skew_ms() {
         s.pairing.environment_skew_p50_ms = Some(median);
-        s.pairing.environment_skew_p99_ms = Some(most);
+        s.pairing.environment_skew_p99_ms = Some(p99);
     }
     s.pairing.environment_skew_ms = frame
         .environment
         .as_ref()
         .map(|e| e.skew_nanos as f64 * 1e-6);
     s.pairing.pose_skew_ms = frame.pose.as_ref().map(|pose| pose.age_nanos as f64 * 1e-6);
-    s.pairing.pose = answer(frame.pose.as_ref());
+    s.pairing.pose = pose_answer(frame.pose.as_ref());
 }
 
 /// Converts the provenance of a pose for the status.
-pub(super) fn answer(pose: Option<&sync::PoseAt>) -> PoseAnswer {
+pub(super) fn pose_answer(pose: Option<&sync::PoseAt>) -> PoseAnswer {
     match pose.map(|pose| pose.provenance) {
         None => PoseAnswer::None,
         Some(sync::Provenance::Exact) => PoseAnswer::Exact,
@@ -191,7 +191,8 @@ fn lighting(s: &mut Snapshot, p: &Published<'_>) {
     s.lighting.stale = match &s.lighting.probe {
         Some(probe) => probe_status::stale(probe, p.stale_after_nanos),
         None => stale.then(|| {
-            "the environment camera has been silent: the light is the last that it saw".to_owned()
+            "the environment camera delivers no pictures: the last estimated light is used"
+                .to_owned()
         }),
     };
     let direction = p.brightest.direction.as_dvec3();

@@ -1,4 +1,4 @@
-//! The wall-clock date, for names and notes; nothing is timed by it.
+//! The wall-clock date, for file names and notes. It is not used to measure time.
 
 /// Returns the current year, month, day, hour, minute and second, UTC.
 #[must_use]

@@ -32,7 +32,7 @@ const MAX_RECORD_BYTES: u64 = 1 << 20;
 
 /// A complete chunk.
 #[derive(Clone, Debug)]
-pub(super) struct ChunkPlace {
+pub(super) struct ChunkLocation {
     /// Offset of its compressed data in the file.
     pub offset: u64,
     pub header: ChunkHeader,
@@ -44,7 +44,7 @@ pub(super) struct Container {
     pub path: PathBuf,
     pub len: u64,
     /// Complete chunks, sorted by the time of their first message.
-    pub chunks: Vec<ChunkPlace>,
+    pub chunks: Vec<ChunkLocation>,
     /// Attachments in file order.
     pub attachments: Vec<Attachment>,
     /// Channels listed outside the chunks (a finished file lists all).
@@ -95,8 +95,8 @@ impl Container {
         }
     }
 
-    /// Registers the record that starts at `at`. Returns the record's end; `None` where the file ends
-    /// or is truncated.
+    /// Registers the record that starts at `at`. Returns the record's end; `None` if the file ends
+    /// there or is truncated.
     fn visit(&mut self, file: &mut BufReader<File>, at: u64) -> Result<Option<u64>, SessionError> {
         let body = at + RECORD_HEADER as u64;
         if body > self.len {
@@ -110,8 +110,8 @@ impl Container {
             return Ok(None);
         };
         match opcode {
-            op::CHUNK => self.note_chunk(file, body, body_len)?,
-            op::ATTACHMENT => self.note_attachment(file, body, body_len)?,
+            op::CHUNK => self.add_chunk(file, body, body_len)?,
+            op::ATTACHMENT => self.add_attachment(file, body, body_len)?,
             op::CHANNEL if body_len <= MAX_RECORD_BYTES => {
                 let bytes = self.read(file, body, body_len)?;
                 let channel = records::channel(&bytes);
@@ -129,7 +129,7 @@ impl Container {
         Ok(Some(end))
     }
 
-    fn note_chunk(
+    fn add_chunk(
         &mut self,
         file: &mut BufReader<File>,
         body: u64,
@@ -145,11 +145,11 @@ impl Container {
         let bytes = header.compressed_size.max(header.uncompressed_size);
         self.check_size("a chunk", bytes, MAX_CHUNK_BYTES)?;
         let offset = body + header.len;
-        self.chunks.push(ChunkPlace { offset, header });
+        self.chunks.push(ChunkLocation { offset, header });
         Ok(())
     }
 
-    fn note_attachment(
+    fn add_attachment(
         &mut self,
         file: &mut BufReader<File>,
         body: u64,
@@ -180,7 +180,7 @@ impl Container {
     pub fn unpack(
         &self,
         file: &mut (impl Read + Seek),
-        chunk: &ChunkPlace,
+        chunk: &ChunkLocation,
     ) -> Result<Bytes, SessionError> {
         let packed = self.read(file, chunk.offset, chunk.header.compressed_size)?;
         let size = chunk.header.uncompressed_size;
@@ -256,7 +256,7 @@ pub(super) fn open(path: &Path) -> Result<(BufReader<File>, u64), SessionError> 
     Ok((BufReader::new(file), metadata.len()))
 }
 
-/// Decompresses at most one byte more than `size`, as a protection from decompression bombs.
+/// Decompresses at most one byte more than `size`, as a protection against decompression bombs.
 fn decompress(compression: &str, packed: Bytes, size: u64) -> Result<Bytes, String> {
     let mut unpacked = Vec::new();
     let outcome = match compression {

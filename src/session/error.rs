@@ -51,7 +51,7 @@ pub enum SessionError {
     },
     /// The file ends before its first complete chunk.
     #[error("{path}: truncated before its first complete chunk; nothing can be replayed", path = path.display())]
-    NothingWhole {
+    NoCompleteChunk {
         /// The file.
         path: PathBuf,
     },
@@ -85,14 +85,14 @@ pub enum SessionError {
         /// The name.
         name: String,
     },
-    /// Something that cannot be recorded.
+    /// An event cannot be recorded.
     #[error("{path}: cannot record {what}: {reason}", path = path.display())]
     Unrecordable {
         /// The file.
         path: PathBuf,
         /// The message or stream.
         what: String,
-        /// Why not.
+        /// The reason.
         reason: String,
     },
 }

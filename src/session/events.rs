@@ -1,7 +1,7 @@
 //! Events of a session in the order of arrival.
 
 use super::SessionError;
-use super::container::{ChunkPlace, open};
+use super::container::{ChunkLocation, open};
 use super::journal::{ControlsMessage, JournalMessage, LightRecord};
 use super::messages::{self, ExposureMessage, FrameContext, recorded_time};
 use super::reader::Session;
@@ -177,7 +177,7 @@ impl Events {
     }
 
     /// Returns the next chunk, if one of its messages may be earlier than all pending ones.
-    fn chunk_due(&self) -> Option<ChunkPlace> {
+    fn chunk_due(&self) -> Option<ChunkLocation> {
         let place = self.session.container.chunks.get(self.next_chunk)?;
         let due = self.pending.peek().is_none_or(|Reverse(first)| {
             place.header.start_time <= first.log_time && self.pending_bytes < MAX_PENDING_BYTES
@@ -185,7 +185,7 @@ impl Events {
         due.then(|| place.clone())
     }
 
-    fn load(&mut self, place: &ChunkPlace) -> Result<(), SessionError> {
+    fn load(&mut self, place: &ChunkLocation) -> Result<(), SessionError> {
         let mut file = match self.file.take() {
             Some(file) => file,
             None => open(self.session.path())?.0,
@@ -206,7 +206,7 @@ impl Events {
         Ok(())
     }
 
-    fn damaged(&self, place: &ChunkPlace, reason: String) -> SessionError {
+    fn damaged(&self, place: &ChunkLocation, reason: String) -> SessionError {
         self.session.container.damaged(place.offset, &reason)
     }
 

@@ -63,8 +63,8 @@ impl Session {
         &self.container.attachments
     }
 
-    /// Returns whether the end of the file is missing, because the writer was killed or the file was
-    /// truncated. Complete chunks are still replayed.
+    /// Returns whether the end of the file is missing, because the writer was killed or the file
+    /// was truncated. Complete chunks are still replayed.
     #[must_use]
     pub fn truncated(&self) -> bool {
         self.container.truncated
@@ -153,7 +153,7 @@ fn check_known(
     }
     let path = container.path.clone();
     if container.truncated && (channels.is_empty() || roles().any(|role| role.is_some())) {
-        return Err(SessionError::NothingWhole { path });
+        return Err(SessionError::NoCompleteChunk { path });
     }
     let mut topics: Vec<_> = channels.values().map(|c| c.topic.as_str()).collect();
     topics.truncate(8);

@@ -202,7 +202,7 @@ fn truncated_file_replays_its_complete_chunks() {
                 assert_eq!(session.attachment("rig.json"), Some(&b"{}"[..]));
                 assert!(describe(&session).contains("truncated"));
             }
-            Err(SessionError::NothingWhole { .. }) => assert_eq!(chunks, 0, "cut at {cut}"),
+            Err(SessionError::NoCompleteChunk { .. }) => assert_eq!(chunks, 0, "cut at {cut}"),
             Err(SessionError::Empty { .. }) => assert_eq!(cut, 0),
             Err(SessionError::NotMcap { .. }) => assert!(cut < 8, "cut at {cut}"),
             Err(error) => panic!("cut at {cut}: {error}"),

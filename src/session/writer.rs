@@ -135,7 +135,7 @@ impl<W: Write + Seek> SessionWriter<W> {
             arrived_at: frame.arrived_at,
             published_at: frame.captured_at,
         };
-        // The low half of the counter; the exposure message has all of it where needed.
+        // The low half of the counter; the exposure message has the full counter.
         self.message(channel, &topic, frame.sequence as u32, times, &bytes)
     }
 

@@ -67,7 +67,7 @@ fn refuses_impossible_bakes_in_one_line() {
     desk.put("scene.toml", SCENE);
     let printed = desk.refuses("bake empty.toml --out a.bake");
     assert!(
-        printed.contains("empty.toml: holds nothing virtual"),
+        printed.contains("empty.toml: has no virtual objects"),
         "{printed}"
     );
     let printed = desk.refuses("bake photo.jpg --out a.bake");

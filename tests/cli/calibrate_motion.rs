@@ -68,7 +68,7 @@ fn recovers_map_tracker_and_latency_from_one_recording() {
 
     let printed = desk
         .works("calibrate latency --session a.mcap --rig rig --out rig/calibration/latency.json");
-    assert!(printed.contains("by poses"), "{printed}");
+    assert!(printed.contains("from poses"), "{printed}");
     let latency = desk.json("rig/calibration/latency.json");
     let error = latency["tracker_minus_scene"]["seconds"].as_f64().unwrap() - 0.0173;
     assert!(error.abs() < 0.002, "{error} s");

@@ -1,4 +1,4 @@
-//! The exposure that follows what virtual lights add.
+//! Automatic exposure, which adapts to the light of virtual lamps.
 
 use crate::exposure::table;
 use crate::stage::{Stage, cell, lighting, noise};
@@ -26,7 +26,7 @@ const LIMITS: AutoLimits = AutoLimits {
     adaptation_seconds: 0.3,
 };
 
-/// A table in the light of a lamp, unless its intensity is 0.
+/// A table lit by a lamp, or by none if `intensity` is 0.
 fn lamp_stage(intensity: f32) -> Stage {
     let mut stage = Stage::new(160, 120).lit(lighting(vec![cell(Vec3::Z, Vec3::splat(2.0))], 0.0));
     stage.picture = noise(160, 120);
@@ -50,7 +50,7 @@ fn mean_luminance(picture: &Picture) -> f64 {
     sum / f64::from(picture.width * picture.height)
 }
 
-/// Exposures and pictures of a lamp that is switched on after ten pictures and off after 110.
+/// Exposures and pictures of a lamp that is switched on after 10 pictures and off after 110.
 fn switched(frames: u32) -> Vec<(ActiveExposure, Picture)> {
     let (mut on, mut off) = (lamp_stage(0.6), lamp_stage(0.0));
     let mut compositor = on.compositor();
@@ -71,7 +71,7 @@ fn switched(frames: u32) -> Vec<(ActiveExposure, Picture)> {
 }
 
 #[test]
-fn automatic_keeps_the_mean_goes_there_smoothly_and_comes_back_exactly() {
+fn automatic_exposure_keeps_the_mean_changes_smoothly_and_returns_exactly() {
     let frames = switched(230);
     let stops: Vec<f32> = frames.iter().map(|f| f.0.stops).collect();
     assert!(stops[..12].iter().all(|s| *s == 0.0), "{stops:?}");
@@ -81,14 +81,17 @@ fn automatic_keeps_the_mean_goes_there_smoothly_and_comes_back_exactly() {
     assert!(steps.fold(0.0, f32::max) < 0.15, "{stops:?}");
     assert!((stops[109] - stops[105]).abs() < 1e-3);
     assert_eq!(stops.last(), Some(&0.0));
-    // By the closed form: the camera's mean over that of the picture with the lamp in it.
+    // Closed form: the camera's mean over that of the picture with the lamp.
     let camera = lamp_stage(0.0);
     let lit = mean_luminance(&lamp_stage(0.6).compose());
-    let wanted = (mean_luminance(&camera.picture) / lit).log2() as f32;
-    assert!(wanted < -0.3, "the lamp is too weak to tell: {wanted}");
+    let expected = (mean_luminance(&camera.picture) / lit).log2() as f32;
     assert!(
-        (stops[109] - wanted).abs() < 0.03,
-        "{} {wanted}",
+        expected < -0.3,
+        "the lamp is too weak for the test: {expected}"
+    );
+    assert!(
+        (stops[109] - expected).abs() < 0.03,
+        "{} {expected}",
         stops[109]
     );
     let kept = mean_luminance(&frames[109].1) / mean_luminance(&camera.picture);
@@ -99,12 +102,12 @@ fn automatic_keeps_the_mean_goes_there_smoothly_and_comes_back_exactly() {
 }
 
 #[test]
-fn the_same_pictures_get_the_same_exposures() {
+fn same_pictures_get_the_same_exposures() {
     assert!(switched(40) == switched(40));
 }
 
 #[test]
-fn shadows_alone_brighten_a_dark_picture_only_and_within_bounds() {
+fn shadows_alone_brighten_only_dark_pictures_and_within_limits() {
     let mut stage = table();
     let settle = |stage: &mut Stage, key: f32, brightest: f32| {
         let limits = AutoLimits {
@@ -132,14 +135,14 @@ fn shadows_alone_brighten_a_dark_picture_only_and_within_bounds() {
     assert!((up.stops - 1.5_f32.log2()).abs() < 0.01, "{up:?}");
     assert_eq!(settle(&mut stage, key, 0.25).stops, 0.25);
     assert_eq!(settle(&mut stage, key, 0.0).stops, 0.0);
-    // Nothing virtual, nothing changed.
+    // Without virtual objects nothing changes.
     stage.scene.virtual_parts.clear();
     assert_eq!(settle(&mut stage, key, 1.0).stops, 0.0);
 }
 
-/// What lamps add is measured wherever it is worked out: as a factor, or apart from it.
+/// The light of lamps is measured both as a factor and as separate light.
 #[test]
-fn both_responses_are_measured() {
+fn light_of_both_responses_is_measured() {
     for response in [LampResponse::Intrinsic, LampResponse::Paper] {
         let mut stage = lamp_stage(0.3);
         stage.lamp_response = response;

@@ -1,4 +1,4 @@
-//! Basis images against truths in closed form: one light, one plane, one box.
+//! Basis images against closed-form ground truth: one light, one plane, one box.
 
 use crate::stage::{gpu, part};
 use glam::{DVec2, DVec3, Vec3};
@@ -12,7 +12,7 @@ use std::ops::ControlFlow;
 
 const SIDE: u32 = 128;
 
-/// Level, two metres a side.
+/// A horizontal plane, two metres a side.
 pub fn ground() -> ShadowingPlane {
     ShadowingPlane {
         centre: DVec3::ZERO,
@@ -29,7 +29,7 @@ pub fn ground() -> ShadowingPlane {
 const LOW: DVec3 = DVec3::new(-0.15, -0.2, 0.1);
 const HIGH: DVec3 = DVec3::new(0.15, 0.2, 0.4);
 
-/// A box that floats over the ground.
+/// A box above the ground.
 pub fn floating_box() -> Scene {
     let size = (HIGH - LOW).as_vec3();
     Scene {
@@ -40,7 +40,7 @@ pub fn floating_box() -> Scene {
     }
 }
 
-/// Whether a ray meets the box (slabs).
+/// Whether a ray hits the box (slab method).
 fn hidden(from: DVec3, towards: DVec3) -> bool {
     let (a, b) = ((LOW - from) / towards, (HIGH - from) / towards);
     let (near, far) = (a.min(b).max_element(), a.max(b).min_element());
@@ -52,15 +52,15 @@ fn texel_in_world(plane: &ShadowingPlane, x: f64, y: f64) -> DVec3 {
     plane.centre + plane.right * (at.x * plane.half_size.x) + plane.up * (at.y * plane.half_size.y)
 }
 
-/// Share of a texel in the box's shadow, from 100 points of it.
+/// Fraction of a texel in the box's shadow, from 100 of its points.
 fn covered(plane: &ShadowingPlane, x: f64, y: f64, towards: DVec3) -> f64 {
     let at = |k: i32| (f64::from(k) + 0.5) / 10.0;
     let points = (0..100).map(|k| texel_in_world(plane, x + at(k % 10), y + at(k / 10)));
     points.filter(|p| hidden(*p, towards)).count() as f64 / 100.0
 }
 
-/// Share of a light that arrives, 0 to 255; `cosine` is its own on the plane. What is lost is
-/// stored in steps of 1/255, so that the share has larger ones where the light is low.
+/// Fraction of a light that arrives, 0 to 255; `cosine` is the light's on the plane. The lost light
+/// is stored in steps of 1/255, so that the fraction has larger steps for low lights.
 fn arriving(bake: &Bake, image: Image, cosine: f32) -> Vec<u8> {
     let one = bake.settings.resolution.pow(2) as usize;
     let share = |lost: &u8| (255.0 - f32::from(*lost) / cosine).round().max(0.0) as u8;
@@ -87,7 +87,7 @@ fn baked(scene: &Scene, planes: Vec<ShadowingPlane>, samples: u32) -> Bake {
 }
 
 #[test]
-fn a_box_casts_its_exact_polygon_on_a_plane() {
+fn shadow_of_a_box_on_a_plane_is_exact() {
     let plane = ground();
     let bake = baked(&floating_box(), vec![plane.clone()], 1);
     let dome = GeodesicDome::new(2).unwrap();
@@ -96,12 +96,12 @@ fn a_box_casts_its_exact_polygon_on_a_plane() {
         assert_eq!(basis.past_phantoms, Image::White);
         let towards = face.centre.as_dvec3();
         let image = arriving(&bake, basis.past_all, face.centre.z);
-        // Half a step of what is stored.
+        // Half a quantisation step.
         let step = (0.5 / face.centre.z).ceil() as u8;
         let (mut sum, mut exact) = (0.0, 0.0);
         for (i, open) in image.iter().enumerate() {
             let (x, y) = ((i as u32 % SIDE) as f64, (i as u32 / SIDE) as f64);
-            // Nine points of the texel, and beyond it by what a map's texel blurs.
+            // Nine points, spread beyond the texel by the blur of a map's texel.
             let point = |k: i32, wide: f64| {
                 let o = DVec2::new(f64::from(k % 3), f64::from(k / 3)) - 1.0;
                 hidden(
@@ -126,7 +126,7 @@ fn a_box_casts_its_exact_polygon_on_a_plane() {
 }
 
 #[test]
-fn a_wall_is_dark_for_lights_behind_it_and_such_images_are_dropped() {
+fn images_of_lights_behind_a_wall_are_black_and_dropped() {
     let wall = ShadowingPlane {
         centre: DVec3::new(0.0, -0.22, 0.25),
         right: DVec3::X,
@@ -139,17 +139,17 @@ fn a_wall_is_dark_for_lights_behind_it_and_such_images_are_dropped() {
     };
     assert_eq!(wall.normal(), DVec3::NEG_Y);
     let bake = baked(&floating_box(), vec![wall, ground()], 1);
-    // Those of the real layer come first.
+    // Planes of the real layer come first.
     assert_eq!(bake.planes[0].layer, Layer::Real);
     let receiver = &bake.receivers[1];
-    let middle = (SIDE * SIDE / 2 + SIDE / 2) as usize;
-    let depth = f64::from(receiver.depths[middle]) / 65534.0 * 0.1;
+    let centre = (SIDE * SIDE / 2 + SIDE / 2) as usize;
+    let depth = f64::from(receiver.depths[centre]) / 65534.0 * 0.1;
     assert!((depth - 0.02).abs() < 1e-4, "{depth}");
     assert_eq!(receiver.depths[0], ReceiverImage::NOTHING);
     let dome = GeodesicDome::new(2).unwrap();
     let of_wall = &bake.images[dome.faces.len()..];
     for (face, basis) in dome.faces.iter().zip(of_wall) {
-        // Nothing stands before the wall: it sees all of a light or nothing.
+        // Nothing blocks the wall: it receives all of a light or nothing.
         let expected = if face.centre.y < 0.0 {
             Image::White
         } else {
@@ -166,7 +166,7 @@ fn a_wall_is_dark_for_lights_behind_it_and_such_images_are_dropped() {
 }
 
 #[test]
-fn phantoms_have_basis_images_of_their_own() {
+fn phantoms_have_their_own_basis_images() {
     let mut scene = floating_box();
     scene.phantom_parts.push(part(
         primitives::cuboid(Vec3::splat(0.3)),
@@ -184,17 +184,17 @@ fn phantoms_have_basis_images_of_their_own() {
             let row = ((1.0 - y) / 2.0 * f64::from(SIDE)) as usize;
             row * SIDE as usize + column
         };
-        // Inside the phantom's foot no light arrives, with virtual objects or without.
+        // Inside the phantom's footprint no light arrives, with or without virtual objects.
         assert!(phantoms[under(0.5, 0.5)] <= 3 && all[under(0.5, 0.5)] <= 3);
         assert_eq!(phantoms[under(-0.9, -0.9)], 255);
-        // Virtual objects can only take more.
+        // Virtual objects can only block more light.
         assert!(all.iter().zip(&phantoms).all(|(a, p)| a <= p));
         assert!(all.iter().zip(&phantoms).any(|(a, p)| a < p));
     }
 }
 
 #[test]
-fn more_directions_per_face_make_softer_shadows_of_the_same_light() {
+fn more_directions_per_face_soften_shadows_and_keep_the_light() {
     let hard = baked(&floating_box(), vec![ground()], 1);
     let soft = baked(&floating_box(), vec![ground()], 16);
     let dome = GeodesicDome::new(2).unwrap();
@@ -207,7 +207,7 @@ fn more_directions_per_face_make_softer_shadows_of_the_same_light() {
         let between = |t: &[u8]| t.iter().filter(|v| (20..236).contains(*v)).count();
         assert!(between(&b) > between(&a), "{} {}", between(&b), between(&a));
         let lost = |t: &[u8]| t.iter().map(|v| 255.0 - f64::from(*v)).sum::<f64>();
-        // Shadows of low lights run off the plane, of some directions more than of others.
+        // Shadows of low lights extend beyond the plane, for some directions more than for others.
         assert!(
             (lost(&a) / lost(&b) - 1.0).abs() < 0.35,
             "{} {}",
@@ -218,7 +218,7 @@ fn more_directions_per_face_make_softer_shadows_of_the_same_light() {
 }
 
 #[test]
-fn impossible_settings_are_refused_in_one_line() {
+fn invalid_settings_are_refused_in_one_line() {
     for (resolution, frequency, samples) in [(130, 2, 1), (128, 0, 1), (128, 2, 3), (8, 2, 1)] {
         let settings = BakeSettings {
             resolution,

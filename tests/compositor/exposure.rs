@@ -1,7 +1,7 @@
-//! Pictures in another exposure than the camera's: closed forms, the plain twin, and the
-//! camera's own codes where nothing is to change.
+//! Pictures in another exposure than the camera's: closed forms, the twin, and the camera's
+//! unchanged codes where nothing is to change.
 
-use crate::judge::{Rule, assert_like};
+use crate::comparison::{Rule, assert_like};
 use crate::stage::{Stage, even_sky, flat, lighting, matt, noise, painted, spiral};
 use glam::{DVec3, Vec3};
 use penumbra_camera::Response;
@@ -28,7 +28,7 @@ pub fn table() -> Stage {
         .lit(lighting(spiral(8, 2.0), 0.2))
 }
 
-/// Nothing but a picture.
+/// A stage without virtual objects.
 fn bare(picture: Picture) -> Stage {
     let mut stage = Stage::new(picture.width, picture.height);
     stage.picture = picture;
@@ -55,7 +55,7 @@ fn greatest_difference(a: &Picture, b: &Picture) -> u8 {
 }
 
 #[test]
-fn no_change_keeps_every_code_and_draws_nothing_more() {
+fn unchanged_exposure_keeps_every_code_and_adds_no_pass() {
     let mut stage = Stage::new(101, 67);
     stage.picture = noise(101, 67);
     let mut stage = stage.lit(lighting(spiral(8, 2.0), 0.5));
@@ -67,7 +67,7 @@ fn no_change_keeps_every_code_and_draws_nothing_more() {
         Exposure::Stops(f32::NAN),
     ];
     for exposure in exact {
-        // With another before it, so that what is left over would show.
+        // After a frame in another exposure, so that leftovers would show.
         stage.exposure = Exposure::Stops(-2.0);
         assert!(stage.compose_with(&mut compositor) != stage.picture);
         stage.exposure = exposure;
@@ -79,7 +79,7 @@ fn no_change_keeps_every_code_and_draws_nothing_more() {
         );
         assert_eq!(compositor.exposure(), ActiveExposure::default());
     }
-    // With virtual things in it, too, it is what it was before.
+    // With virtual objects, too, the picture is the same as before.
     let mut full = table();
     let before = full.compose();
     let mut compositor = full.compositor();
@@ -90,7 +90,7 @@ fn no_change_keeps_every_code_and_draws_nothing_more() {
 }
 
 #[test]
-fn an_even_picture_is_scaled_through_the_response() {
+fn uniform_picture_is_scaled_through_the_response() {
     for response in [Response::srgb(), Response::linear(), Response::gamma(2.2)] {
         for stops in [-6.0, -2.0, -1.0, -0.1, 0.3, 1.0] {
             let mut stage = bare(flat(70, 50, [200, 120, 3]));
@@ -99,9 +99,9 @@ fn an_even_picture_is_scaled_through_the_response() {
             let out = stage.compose();
             let linear = response.linear_from_rgb([200, 120, 3]);
             let expected = linear.map(|v| response.code_from_linear(v * stops.exp2()));
-            let wanted = flat(70, 50, expected);
+            let expected_picture = flat(70, 50, expected);
             assert!(
-                greatest_difference(&out, &wanted) <= 1,
+                greatest_difference(&out, &expected_picture) <= 1,
                 "{stops}: {expected:?}"
             );
         }
@@ -109,7 +109,7 @@ fn an_even_picture_is_scaled_through_the_response() {
 }
 
 #[test]
-fn the_gpu_shows_what_the_twin_works_out() {
+fn gpu_matches_the_twin() {
     let busy = with_disc(noise(101, 67), (40.0, 30.0), 13.0, [255, 255, 255]);
     let warm = with_disc(
         flat(97, 130, [190, 140, 80]),
@@ -131,7 +131,7 @@ fn the_gpu_shows_what_the_twin_works_out() {
 }
 
 #[test]
-fn what_is_virtual_is_shown_in_the_same_exposure() {
+fn virtual_objects_are_shown_in_the_same_exposure() {
     for stops in [-1.5, 0.8] {
         for mode in [ShadowMode::Ratio, ShadowMode::Subtract] {
             let mut stage = table();
@@ -160,7 +160,7 @@ fn shown(picture: &Picture, (x, y): (u32, u32)) -> Vec3 {
 }
 
 #[test]
-fn a_small_clipped_disc_in_the_dark_stays_white_and_its_surroundings_do_not() {
+fn small_clipped_disc_in_the_dark_stays_white_and_its_surroundings_darken() {
     let dark = with_disc(flat(320, 240, [60; 3]), (160.0, 120.0), 4.0, [255; 3]);
     let mut stage = bare(dark);
     for (stops, still_white) in [(-1.0, true), (-2.0, true), (-3.0, true), (-8.0, false)] {
@@ -176,9 +176,9 @@ fn a_small_clipped_disc_in_the_dark_stays_white_and_its_surroundings_do_not() {
 }
 
 #[test]
-fn a_clipped_disc_is_as_bright_as_the_mean_around_it_says() {
-    // Of a region of 79 pixels, −2.5 stops in 288 rows, the disc fills an eighth, so that it is
-    // taken for a window: 3 (1 − surroundings)² above white.
+fn brightness_of_a_clipped_disc_follows_the_mean_around_it() {
+    // The region has 79 pixels, at −2.5 stops in 288 rows; the disc fills an eighth of it, so that
+    // it is taken for a window: 3 (1 − surroundings)² above white.
     for code in [60_u8, 128, 188, 240] {
         let disc = with_disc(flat(320, 288, [code; 3]), (160.0, 144.0), 16.0, [255; 3]);
         let mut stage = bare(disc);
@@ -187,7 +187,7 @@ fn a_clipped_disc_is_as_bright_as_the_mean_around_it_says() {
         let level = 1.0 + 3.0 * (1.0 - around).powi(2);
         let expected = stage.response.code_from_linear(level * (-2.5_f32).exp2());
         let found = stage.compose().rgb(160, 144)[0];
-        // What little weight the usual surroundings have is not in the closed form.
+        // The closed form neglects the small weight of the default surroundings.
         assert!(
             found.abs_diff(expected) <= 2,
             "{code}: {found}, expected {expected}"
@@ -196,7 +196,7 @@ fn a_clipped_disc_is_as_bright_as_the_mean_around_it_says() {
 }
 
 #[test]
-fn a_longer_exposure_never_shows_less() {
+fn longer_exposure_never_darkens_a_pixel() {
     let warm = with_disc(
         flat(160, 120, [150, 110, 70]),
         (90.0, 60.0),
@@ -206,7 +206,8 @@ fn a_longer_exposure_never_shows_less() {
     let mut stage = bare(with_disc(warm, (90.0, 60.0), 11.0, [255; 3]));
     let mut compositor = stage.compositor();
     let mut before: Option<Picture> = None;
-    // Up to just below the camera's own, in which a code near white may be that of more light.
+    // Up to just below the camera's own exposure, in which a code near white may stand for more
+    // light.
     for step in 0..24 {
         stage.exposure = Exposure::Stops(-6.0 + 0.25 * step as f32);
         let out = stage.compose_with(&mut compositor);
@@ -220,9 +221,9 @@ fn a_longer_exposure_never_shows_less() {
 }
 
 #[test]
-fn a_half_clipped_colour_keeps_its_hue() {
-    // A light on a warm wall: what is clipped is red alone, and the wall next to it says how much
-    // red belongs to its green.
+fn partly_clipped_colour_keeps_its_hue() {
+    // A light on a warm wall: only red is clipped, and the wall next to it gives the ratio of red
+    // to green.
     let wall = [180, 130, 70];
     let response = Response::srgb();
     let linear = Vec3::from(response.linear_from_rgb(wall));
@@ -243,7 +244,7 @@ fn a_half_clipped_colour_keeps_its_hue() {
 }
 
 #[test]
-fn the_twin_agrees_with_linear_scaling_where_nothing_is_clipped() {
+fn twin_scales_linearly_where_nothing_is_clipped() {
     let mut picture = noise(40, 30);
     picture.rgba.iter_mut().for_each(|v| *v = (*v).min(240));
     let response = Response::srgb();
@@ -253,39 +254,39 @@ fn the_twin_agrees_with_linear_scaling_where_nothing_is_clipped() {
             .chunks_exact(4)
             .zip(exposed(&picture, &response, 0.25, Highlights::Estimated))
     {
-        let whole = response.linear_from_rgb([pixel[0], pixel[1], pixel[2]]);
-        assert_eq!(linear.as_vec3(), Vec3::from(whole) * 0.25);
+        let full = response.linear_from_rgb([pixel[0], pixel[1], pixel[2]]);
+        assert_eq!(linear.as_vec3(), Vec3::from(full) * 0.25);
     }
 }
 
 #[test]
-fn what_a_mirror_shows_does_not_hang_on_the_exposure() {
+fn reflections_do_not_depend_on_the_exposure() {
     let chrome = Material {
         metallic: 1.0,
         roughness: 0.1,
         ..Material::default()
     };
-    let ball = painted(
+    let sphere = painted(
         primitives::sphere(0.1, 48, 24),
         DVec3::new(0.0, 0.0, 0.1),
         chrome,
     );
     let mut stage = Stage::new(96, 72)
-        .with_virtual(ball)
+        .with_virtual(sphere)
         .lit(lighting(spiral(8, 2.0), 0.2));
-    // A highlight on the table that the ball mirrors.
+    // A highlight on the table that the sphere mirrors.
     stage.picture = with_disc(stage.picture, (48.0, 66.0), 3.0, [255; 3]);
-    let inside = crate::judge::virtual_inside(&stage.twin(), 2);
+    let inside = crate::comparison::virtual_inside(&stage.twin(), 2);
     let before = stage.compose();
     stage.exposure = Exposure::Stops(-1.0);
     let after = stage.compose();
     for i in (0..96 * 72).filter(|i| inside[*i as usize]) {
         let at = (i % 96, i / 96);
-        let (whole, half) = (shown(&before, at), shown(&after, at));
-        if whole.max_element() < 0.98 {
+        let (full, half) = (shown(&before, at), shown(&after, at));
+        if full.max_element() < 0.98 {
             assert!(
-                (half * 2.0 - whole).abs().max_element() < 0.02,
-                "{at:?}: {whole} {half}"
+                (half * 2.0 - full).abs().max_element() < 0.02,
+                "{at:?}: {full} {half}"
             );
         }
     }

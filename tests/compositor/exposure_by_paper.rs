@@ -17,7 +17,7 @@ fn shown(picture: Picture, stops: f32) -> Stage {
     stage.picture = picture;
     stage.exposure = Exposure::Stops(stops);
     stage.highlights = Highlights::Paper;
-    // What is exposed is what has something virtual in it.
+    // Only a picture with virtual objects is exposed.
     stage.with_virtual(crate::stage::part(
         primitives::cuboid(Vec3::splat(0.01)),
         glam::DVec3::new(5.0, 5.0, 0.0),
@@ -29,7 +29,7 @@ fn code(stage: &Stage, linear: f32) -> u8 {
 }
 
 #[test]
-fn of_an_even_picture_the_factor_is_between_that_of_the_exposure_and_one() {
+fn factor_of_a_uniform_picture_lies_between_the_exposures_and_one() {
     for (value, stops) in [(90, -1.0), (180, -1.0), (180, -3.0), (230, -8.0)] {
         let stage = shown(flat(64, 48, [value; 3]), stops);
         let m = stage.response.linear_from_rgb([value; 3])[0];
@@ -49,12 +49,12 @@ fn of_an_even_picture_the_factor_is_between_that_of_the_exposure_and_one() {
 }
 
 #[test]
-fn white_stays_white_and_without_darkening_every_code_stays() {
+fn white_stays_white_and_every_code_stays_without_darkening() {
     let white = shown(flat(64, 48, [255; 3]), -4.0);
     assert!(white.compose().rgba.iter().all(|v| *v == 255));
     let untouched = shown(noise(101, 67), 0.0);
     assert!(untouched.compose() == untouched.picture);
-    // In a longer exposure nothing is new.
+    // A longer exposure is the same under both rules.
     let mut longer = shown(noise(101, 67), 0.7);
     let ours = longer.compose();
     longer.highlights = Highlights::Estimated;
@@ -63,7 +63,7 @@ fn white_stays_white_and_without_darkening_every_code_stays() {
 
 /// "The center of overexposed regions will remain bright while the edges fade with the rest."
 #[test]
-fn a_large_white_disc_stays_bright_in_the_middle_and_fades_at_its_edge() {
+fn large_white_disc_stays_bright_in_the_centre_and_fades_at_its_edge() {
     let mut picture = flat(160, 120, [60; 3]);
     for (i, pixel) in (0_u32..).zip(picture.rgba.chunks_exact_mut(4)) {
         let (x, y) = ((i % 160) as f32 - 80.0, (i / 160) as f32 - 60.0);
@@ -79,7 +79,7 @@ fn a_large_white_disc_stays_bright_in_the_middle_and_fades_at_its_edge() {
 }
 
 #[test]
-fn the_gpu_shows_what_the_twin_works_out() {
+fn gpu_matches_the_twin() {
     for (width, height, stops) in [(101, 67, -0.3), (160, 120, -1.0), (64, 48, -3.0)] {
         let stage = shown(noise(width, height), stops);
         let (ours, twin) = (stage.compose(), stage.twin().picture);

@@ -1,6 +1,6 @@
 //! Glossy surfaces: against the CPU's look-ups, closed forms, and tilted planes.
 
-use crate::judge::virtual_inside;
+use crate::comparison::virtual_inside;
 use crate::stage::{Stage, cell, even_sky, lighting, looking_from, painted};
 use glam::{DMat4, DQuat, DVec2, DVec3, Vec3};
 use penumbra_camera::Response;
@@ -37,7 +37,7 @@ fn metal(roughness: f32) -> Material {
     }
 }
 
-/// What a material's lobe is called on the CPU, as the packed surface has it: in 255 steps.
+/// The CPU's lobe of a material, quantised to 255 steps as in the packed surface.
 fn lobe(material: &Material) -> (Family, f32) {
     let (family, p) = match material.phong {
         Some(phong) => (Family::Phong, phong_parameter(phong.exponent)),
@@ -46,7 +46,7 @@ fn lobe(material: &Material) -> (Family, f32) {
     (family, (p * 255.0).round() / 255.0)
 }
 
-/// A sky of soft colours and one window, of `size` texels a side.
+/// A sky of soft colours and one window, with `size` texels per side.
 fn sky(size: u32) -> Vec<Vec3> {
     let at = |d: Vec3| {
         let window = if d.dot(Vec3::new(0.5, -0.6, 0.6).normalize()) > 0.97 {
@@ -59,7 +59,7 @@ fn sky(size: u32) -> Vec<Vec3> {
     CubeGrid::new(size).directions.into_iter().map(at).collect()
 }
 
-/// No light but what is mirrored.
+/// Lighting for specular reflection alone.
 fn mirrored_only(map: CubeMap) -> Lighting {
     Lighting {
         radiance: Arc::new(map),
@@ -67,14 +67,14 @@ fn mirrored_only(map: CubeMap) -> Lighting {
     }
 }
 
-fn ball(material: Material) -> Stage {
+fn sphere(material: Material) -> Stage {
     let part = painted(primitives::sphere(0.1, 192, 96), DVec3::ZERO, material);
     let mut stage = Stage::new(96, 72).without_ground().with_virtual(part);
     stage.settings.samples = 1;
     stage
 }
 
-/// Pixels well inside the ball, with normal and direction to the eye there.
+/// Pixels well inside the sphere, each with its normal and direction to the eye.
 fn seen(stage: &Stage) -> Vec<((u32, u32), Vec3, Vec3)> {
     let twin = stage.twin();
     let inside = virtual_inside(&twin, 1);
@@ -91,8 +91,8 @@ fn seen(stage: &Stage) -> Vec<((u32, u32), Vec3, Vec3)> {
     all.collect()
 }
 
-/// Mean difference of codes from what `expected` says, n·v above 0.1, and that which one in two
-/// hundred exceeds (edges of the window may be a pixel off).
+/// Differences of codes from `expected`, where n·v is above 0.1: the value that one in two hundred
+/// exceeds (edges of the window may be a pixel off), and the mean.
 fn differences(stage: &Stage, ours: &Picture, expected: impl Fn(Vec3, Vec3) -> Vec3) -> (u8, f64) {
     let mut all = Vec::new();
     for ((x, y), n, v) in seen(stage).into_iter().filter(|(_, n, v)| n.dot(*v) > 0.1) {
@@ -109,26 +109,26 @@ fn differences(stage: &Stage, ours: &Picture, expected: impl Fn(Vec3, Vec3) -> V
 }
 
 #[test]
-fn lobes_gather_on_the_gpu_what_they_gather_on_the_cpu() {
+fn gpu_lobes_match_the_cpu() {
     let map = Prefilter::new(64).with_phong(true).apply(&sky(64));
     let metals = [0.1, 0.35, 0.7, 1.0].map(metal);
     let phongs = [1.0, 20.0, 1000.0].map(|e| phong(Vec3::ZERO, e));
     for material in metals.into_iter().chain(phongs) {
         let (family, p) = lobe(&material);
         let levels = Levels::new(family, map.size, map.levels.len());
-        let stage = ball(material).lit(mirrored_only(map.clone()));
-        let (most, mean) = differences(&stage, &stage.compose(), |n, v| {
+        let stage = sphere(material).lit(mirrored_only(map.clone()));
+        let (worst, mean) = differences(&stage, &stage.compose(), |n, v| {
             let r = family.response(n.dot(v), p);
             let d = tilted(n * (2.0 * n.dot(v)) - v, n, r.tilt);
             let light = gathered(&map, family, levels.level(r.width), d);
             light * (SPECULAR * r.scale + r.bias)
         });
-        assert!(most <= 5 && mean < 0.9, "{family:?} {p}: {most} {mean}");
+        assert!(worst <= 5 && mean < 0.9, "{family:?} {p}: {worst} {mean}");
     }
 }
 
-/// Of the window that [`sky`] has, whole.
-fn window_apart(size: u32) -> CubeMap {
+/// A map of [`sky`] from which the entire window is separated as a compact source.
+fn separated_window(size: u32) -> CubeMap {
     let grid = CubeGrid::new(size);
     let full = sky(size);
     let without: Vec<Vec3> = full
@@ -144,8 +144,8 @@ fn window_apart(size: u32) -> CubeMap {
 }
 
 #[test]
-fn sources_are_mirrored_by_the_lobe_itself_where_levels_leave_them_out() {
-    let map = window_apart(64);
+fn sources_left_out_of_levels_are_reflected_by_the_brdf() {
+    let map = separated_window(64);
     assert!(
         map.compact_sources[0].weights[4] == 1.0,
         "{:?}",
@@ -156,8 +156,8 @@ fn sources_are_mirrored_by_the_lobe_itself_where_levels_leave_them_out() {
     for material in metals.into_iter().chain(phongs) {
         let (family, p) = lobe(&material);
         let levels = Levels::new(family, map.size, map.levels.len());
-        let stage = ball(material).lit(mirrored_only(map.clone()));
-        let (most, mean) = differences(&stage, &stage.compose(), |n, v| {
+        let stage = sphere(material).lit(mirrored_only(map.clone()));
+        let (worst, mean) = differences(&stage, &stage.compose(), |n, v| {
             let r = family.response(n.dot(v), p);
             let d = tilted(n * (2.0 * n.dot(v)) - v, n, r.tilt);
             let level = levels.level(r.width);
@@ -165,37 +165,37 @@ fn sources_are_mirrored_by_the_lobe_itself_where_levels_leave_them_out() {
             let [scaled, added] = reflected(&map.compact_sources, (family, p, level), n, v);
             light * (SPECULAR * r.scale + r.bias) + scaled * SPECULAR + added
         });
-        assert!(most <= 5 && mean < 0.9, "{family:?} {p}: {most} {mean}");
+        assert!(worst <= 5 && mean < 0.9, "{family:?} {p}: {worst} {mean}");
     }
 }
 
 #[test]
-fn the_papers_chain_shows_one_level_and_no_cosine() {
+fn papers_chain_uses_one_level_and_no_cosine() {
     let axis = Vec3::new(0.1, -0.8, 0.6).normalize();
     let map = box_chain(64, &sky(64), axis);
     for exponent in [5.0, 100.0] {
         let material = phong(Vec3::ZERO, exponent);
         let (family, p) = lobe(&material);
         let level = box_level(family, p, map.size, map.levels.len());
-        let stage = ball(material).lit(mirrored_only(map.clone()));
-        let (most, mean) = differences(&stage, &stage.compose(), |n, v| {
+        let stage = sphere(material).lit(mirrored_only(map.clone()));
+        let (worst, mean) = differences(&stage, &stage.compose(), |n, v| {
             gathered(&map, family, level, n * (2.0 * n.dot(v)) - v) * SPECULAR
         });
-        assert!(most <= 5 && mean < 0.9, "{exponent}: {most} {mean}");
+        assert!(worst <= 5 && mean < 0.9, "{exponent}: {worst} {mean}");
     }
 }
 
 #[test]
-fn an_even_sky_comes_back_by_the_shares_of_the_material() {
+fn uniform_sky_is_scaled_by_the_materials_albedo() {
     let diffuse = Vec3::new(0.2, 0.4, 0.1);
     for exponent in [0.0, 1.0, 30.0, 10_000.0] {
         let material = phong(diffuse, exponent);
         let (family, p) = lobe(&material);
-        let stage = ball(material).lit(even_sky(0.7));
-        let (most, mean) = differences(&stage, &stage.compose(), |n, v| {
+        let stage = sphere(material).lit(even_sky(0.7));
+        let (worst, mean) = differences(&stage, &stage.compose(), |n, v| {
             0.7 * (diffuse + SPECULAR * family.response(n.dot(v), p).scale)
         });
-        assert!(most <= 3 && mean < 1.3, "{exponent}: {most} {mean}");
+        assert!(worst <= 3 && mean < 1.3, "{exponent}: {worst} {mean}");
     }
 }
 
@@ -217,7 +217,7 @@ fn linear(picture: &Picture, x: u32, y: u32) -> Vec3 {
 }
 
 #[test]
-fn a_lamps_highlight_is_phongs_lobe() {
+fn highlight_of_a_lamp_is_phongs_lobe() {
     let diffuse = Vec3::splat(0.1);
     for (exponent, slant) in [(2.0, 0.5_f32), (20.0, 0.3), (200.0, 0.1)] {
         let lamp = PlacedLamp {
@@ -262,13 +262,13 @@ fn normal_map(n: Vec3) -> Option<Arc<SceneTexture>> {
     }))
 }
 
-fn turned(part: &mut Part, n: Vec3) {
-    let turn = DQuat::from_rotation_arc(DVec3::Z, n.as_dvec3().normalize());
-    part.world_from_part = DMat4::from_quat(turn);
+fn orient(part: &mut Part, n: Vec3) {
+    let rotation = DQuat::from_rotation_arc(DVec3::Z, n.as_dvec3().normalize());
+    part.world_from_part = DMat4::from_quat(rotation);
 }
 
 #[test]
-fn a_normal_map_that_tilts_is_a_tilted_plane() {
+fn tilting_normal_map_equals_a_tilted_plane() {
     let map = Prefilter::new(64).with_phong(true).apply(&sky(64));
     for n in [
         Vec3::new(0.4, 0.0, 0.9),
@@ -291,7 +291,7 @@ fn a_normal_map_that_tilts_is_a_tilted_plane() {
             })
             .lit(light.clone());
             let mut plane = tile(material).lit(light);
-            turned(&mut plane.scene.virtual_parts[0], n);
+            orient(&mut plane.scene.virtual_parts[0], n);
             let (a, b) = (mapped.compose().rgb(39, 40), plane.compose().rgb(39, 40));
             let close = (0..3).all(|c| a[c].abs_diff(b[c]) <= 3);
             assert!(close, "{n}: {a:?} {b:?}");
@@ -300,7 +300,7 @@ fn a_normal_map_that_tilts_is_a_tilted_plane() {
 }
 
 #[test]
-fn half_the_normal_maps_scale_is_half_its_slope() {
+fn half_the_normal_scale_halves_the_slope() {
     let light = Lighting {
         radiance: Arc::new(Prefilter::new(64).apply(&sky(64))),
         ..even_sky(0.0)
@@ -313,13 +313,13 @@ fn half_the_normal_maps_scale_is_half_its_slope() {
     })
     .lit(light.clone());
     let mut plane = tile(metal(0.2)).lit(light);
-    turned(&mut plane.scene.virtual_parts[0], Vec3::new(0.3, 0.0, 0.8));
+    orient(&mut plane.scene.virtual_parts[0], Vec3::new(0.3, 0.0, 0.8));
     let (a, b) = (mapped.compose().rgb(39, 40), plane.compose().rgb(39, 40));
     assert!((0..3).all(|c| a[c].abs_diff(b[c]) <= 3), "{a:?} {b:?}");
 }
 
 #[test]
-fn a_mirrored_placement_mirrors_its_normal_map_with_it() {
+fn mirrored_placement_mirrors_its_normal_map() {
     let light = Lighting {
         radiance: Arc::new(Prefilter::new(64).apply(&sky(64))),
         ..even_sky(0.0)
@@ -332,15 +332,15 @@ fn a_mirrored_placement_mirrors_its_normal_map_with_it() {
     .lit(light.clone());
     mapped.scene.virtual_parts[0].world_from_part = DMat4::from_scale(DVec3::new(-1.0, 1.0, 1.0));
     let mut plane = tile(metal(0.2)).lit(light);
-    turned(&mut plane.scene.virtual_parts[0], mirrored);
+    orient(&mut plane.scene.virtual_parts[0], mirrored);
     let (a, b) = (mapped.compose().rgb(39, 40), plane.compose().rgb(39, 40));
     assert!((0..3).all(|c| a[c].abs_diff(b[c]) <= 3), "{a:?} {b:?}");
 }
 
 #[test]
-fn phongs_lobe_comes_and_goes_with_the_scene() {
+fn changing_materials_switches_phongs_lobe() {
     let map = Prefilter::new(64).with_phong(true).apply(&sky(64));
-    let mut stage = ball(metal(0.3)).lit(mirrored_only(map));
+    let mut stage = sphere(metal(0.3)).lit(mirrored_only(map));
     let mut compositor = stage.compositor();
     let first = stage.compose_with(&mut compositor);
     stage.scene.virtual_parts[0].material = Arc::new(phong(Vec3::ZERO, 50.0));
@@ -352,9 +352,9 @@ fn phongs_lobe_comes_and_goes_with_the_scene() {
 }
 
 #[test]
-fn without_maps_of_its_own_phong_is_never_black() {
+fn phong_without_its_own_map_is_not_black() {
     let map = Prefilter::new(64).apply(&sky(64));
-    let stage = ball(phong(Vec3::ZERO, 20.0)).lit(mirrored_only(map));
+    let stage = sphere(phong(Vec3::ZERO, 20.0)).lit(mirrored_only(map));
     let ours = stage.compose();
     for ((x, y), n, v) in seen(&stage) {
         let darkest = ours.rgb(x, y)[0];

@@ -1,8 +1,8 @@
-//! A few whole pictures as they were when somebody looked at them and found them right.
-//! `PENUMBRA_GOLDEN=write cargo test --test compositor golden` makes them anew: look at
-//! them before they are committed.
+//! A few complete pictures, compared with versions that were inspected and found correct.
+//! `PENUMBRA_GOLDEN=write cargo test --test compositor golden` rewrites them: inspect them before
+//! committing.
 
-use crate::judge::{keep, square_differences, write};
+use crate::comparison::{keep, square_differences, write};
 use crate::stage::{Stage, painted};
 use glam::{DVec2, DVec3, Vec3};
 use penumbra_interface::MonotonicTime;
@@ -18,9 +18,9 @@ use penumbra_scene::{Screen, VirtualLightKind};
 use std::path::Path;
 use std::sync::Arc;
 
-/// Greatest difference of a square's mean, codes.
+/// Maximum difference of a square's mean, codes.
 const LARGEST: f64 = 4.0;
-/// Greatest mean difference of the whole picture, codes.
+/// Maximum mean difference of the entire picture, codes.
 const MEAN: f64 = 0.5;
 
 pub fn assert_golden(name: &str, ours: &Picture) {
@@ -45,15 +45,15 @@ pub fn assert_golden(name: &str, ours: &Picture) {
         let kept = keep(name, ours);
         panic!(
             "{name}: {largest:.1} codes off around {at:?}, {mean:.2} on average; compare {} \
-             with {}, and if the new one is right, PENUMBRA_GOLDEN=write takes it",
+             with {}, and if the new one is correct, accept it with PENUMBRA_GOLDEN=write",
             kept.display(),
             path.display()
         );
     }
 }
 
-/// A room: a blue sky-light above, warm walls, a bright window to the right (+X), and a
-/// small lamp of its own behind to the left.
+/// A room: blue sky light from above, warm walls, a bright window to the right (+X), and a small
+/// compact lamp behind to the left.
 fn room() -> Lighting {
     let fine = CubeGrid::new(32);
     let sky: Vec<Vec3> = fine
@@ -76,7 +76,7 @@ fn room() -> Lighting {
         kind: LightKind::Compact,
     };
     let mut lights = DomeGrid::new(64, true, &fine).lights(&sky, &fine);
-    // The last of the 64 are below the horizon, and dark.
+    // The last of the 64 lights are below the horizon, and dark.
     *lights.last_mut().unwrap() = lamp;
     let mut radiance = sky.clone();
     for (l, d) in radiance.iter_mut().zip(&fine.directions) {
@@ -95,7 +95,7 @@ fn room() -> Lighting {
     }
 }
 
-/// The table as a camera sees it: squares of 5 cm, dark and light.
+/// The table as a camera sees it: dark and light squares of 5 cm.
 fn chequered(stage: &Stage) -> Picture {
     let pose = stage.pose.unwrap();
     let (width, height) = (stage.picture.width, stage.picture.height);
@@ -155,7 +155,7 @@ fn golden_box_under_64_lights() {
 }
 
 #[test]
-fn golden_glossy_ball_and_a_real_box() {
+fn golden_glossy_sphere_and_a_real_box() {
     let gold = Material {
         base_colour: Vec3::new(0.95, 0.75, 0.4).extend(1.0),
         metallic: 1.0,
@@ -172,13 +172,13 @@ fn golden_glossy_ball_and_a_real_box() {
             primitives::cuboid(Vec3::new(0.05, 0.03, 0.06)),
             DVec3::new(0.06, -0.1, 0.0),
         ));
-    // Coarse shadows here, fine ones above.
+    // Coarse shadows here, fine ones in the test above.
     stage.settings.shadow_step = 2;
     assert_golden("glossy-ball", &stage.compose());
 }
 
-/// A table with a lamp's reflection on it that is clipped, and clipped in red only around that.
-fn golden_in_shorter_exposure() -> Stage {
+/// A table with a lamp's reflection that is clipped in the centre, and around it in red only.
+fn stage_with_clipped_reflection() -> Stage {
     let mut stage = golden_stage().with_virtual(painted(
         primitives::cuboid(Vec3::new(0.1, 0.1, 0.12)),
         DVec3::new(0.0, 0.02, 0.0),
@@ -211,7 +211,7 @@ fn golden_in_shorter_exposure() -> Stage {
 
 #[test]
 fn golden_shorter_and_longer_exposure() {
-    let mut stage = golden_in_shorter_exposure();
+    let mut stage = stage_with_clipped_reflection();
     for (name, stops) in [("exposure-shorter", -1.5), ("exposure-longer", 0.7)] {
         stage.exposure = penumbra_compositor::Exposure::Stops(stops);
         assert_golden(name, &stage.compose());
@@ -312,7 +312,7 @@ fn stripes() -> Arc<SceneTexture> {
     })
 }
 
-/// Three balls of Phong's model, the last striped, and a box with knobs.
+/// Three spheres with Phong's lobe, the last striped, and a box with knobs.
 fn phong_stage() -> Stage {
     let phong = |diffuse: Vec3, exponent: f32| Material {
         base_colour: diffuse.extend(1.0),
@@ -330,7 +330,7 @@ fn phong_stage() -> Stage {
         normal_texture: Some(knobs()),
         ..phong(Vec3::new(0.1, 0.2, 0.1), 60.0)
     };
-    let ball = |x: f64, y: f64, material| {
+    let sphere = |x: f64, y: f64, material| {
         painted(
             primitives::sphere(0.04, 96, 48),
             DVec3::new(x, y, 0.04),
@@ -338,9 +338,9 @@ fn phong_stage() -> Stage {
         )
     };
     golden_stage()
-        .with_virtual(ball(-0.1, 0.06, phong(Vec3::splat(0.1), 3.0)))
-        .with_virtual(ball(0.0, 0.08, phong(Vec3::splat(0.1), 30.0)))
-        .with_virtual(ball(0.1, 0.06, striped))
+        .with_virtual(sphere(-0.1, 0.06, phong(Vec3::splat(0.1), 3.0)))
+        .with_virtual(sphere(0.0, 0.08, phong(Vec3::splat(0.1), 30.0)))
+        .with_virtual(sphere(0.1, 0.06, striped))
         .with_virtual(painted(
             primitives::cuboid(Vec3::new(0.14, 0.1, 0.05)),
             DVec3::new(0.0, -0.06, 0.0),
@@ -349,7 +349,7 @@ fn phong_stage() -> Stage {
 }
 
 #[test]
-fn golden_phong_balls_and_a_box_with_knobs() {
+fn golden_phong_spheres_and_a_box_with_knobs() {
     assert_golden("phong", &phong_stage().compose());
 }
 

@@ -71,7 +71,7 @@ fn indirect_light_brightens_its_region_alone() {
                 ShadowMode::Ratio => red(&stage, 1.0 + 0.3 / arriving, 0.0),
                 ShadowMode::Subtract => red(&stage, 1.0, 0.3 / PI),
             };
-            // 128 pixels a metre at a distance of 1.2 m: the region is 53 pixels wide.
+            // 128 pixels per metre at a distance of 1.2 m: the region is 53 pixels wide.
             let (cx, cy) = (63, 48);
             let mut inside = 0;
             for (x, y) in (0..96).flat_map(|y| (0..128).map(move |x| (x, y))) {

@@ -1,4 +1,4 @@
-//! What lamps cost, by their number. Prints and judges nothing: times are the machine's.
+//! Cost of lamps by their number. Prints times and checks nothing, as times depend on the machine.
 //! `cargo nextest run -p penumbra --test compositor lamp_cost --run-ignored all --no-capture`
 
 use crate::stage::{Stage, cell, flat, lighting, looking_from, part};
@@ -6,10 +6,10 @@ use glam::{DVec3, Vec3};
 use penumbra_scene::{PlacedArea, PlacedLamp, primitives};
 use std::collections::BTreeMap;
 
-/// Composed pictures of each number of lamps; the quickest counts, as others use the machine too.
+/// Composed pictures per number of lamps; the fastest counts, as the machine may be busy.
 const PICTURES: usize = 12;
 
-/// Lamps over the whole of a table, every second one a spot.
+/// Lamps distributed over the entire table, every second one a spot.
 fn lamps(count: usize) -> Vec<PlacedLamp> {
     let golden = std::f32::consts::PI * (3.0 - 5.0_f32.sqrt());
     (0..count)
@@ -48,21 +48,21 @@ fn desk(shadow_step: u32) -> Stage {
     stage
 }
 
-/// Least milliseconds of each pass.
+/// Minimum milliseconds of each pass.
 fn cost(stage: &Stage) -> BTreeMap<&'static str, f64> {
     let mut compositor = stage.compositor();
-    let mut least = BTreeMap::new();
+    let mut minimum = BTreeMap::new();
     for _ in 0..PICTURES {
         let _ = stage.compose_with(&mut compositor);
         for (pass, ms) in compositor.pass_times() {
-            let known = least.entry(pass).or_insert(f64::INFINITY);
+            let known = minimum.entry(pass).or_insert(f64::INFINITY);
             *known = ms.min(*known);
         }
     }
-    least
+    minimum
 }
 
-/// Rectangles over the table, each straight down.
+/// Rectangles above the table, facing straight down.
 fn areas(count: usize) -> Vec<PlacedLamp> {
     let area = |mut lamp: PlacedLamp| {
         lamp.cone = None;
@@ -79,7 +79,7 @@ fn areas(count: usize) -> Vec<PlacedLamp> {
 
 #[test]
 #[ignore = "prints times, and takes a minute"]
-fn what_lamps_cost_by_their_number() {
+fn cost_of_lamps_by_number() {
     const PASSES: [&str; 5] = [
         "lamp_map",
         "tiles",
@@ -89,7 +89,8 @@ fn what_lamps_cost_by_their_number() {
     ];
     type Lamps = fn(usize) -> Vec<PlacedLamp>;
     let kinds: [(&str, Lamps); 2] = [("lamps", lamps), ("areas", areas)];
-    // As live on a software driver, at its finest, and finest and softest.
+    // The live settings on a software driver, full resolution, and full resolution with soft
+    // shadows.
     for (step, soft, (kind, lamps)) in [(4, 1), (1, 1), (1, 4)]
         .into_iter()
         .flat_map(|(step, soft)| kinds.map(|kind| (step, soft, kind)))

@@ -1,8 +1,8 @@
-//! How real surfaces answer lamps: the paper's response (DiVerdi and Höllerer 2004, section
+//! The response of real surfaces to lamps: that of the paper (DiVerdi and Höllerer 2004, section
 //! 4.2) against its twin and closed forms.
 
+use crate::comparison::{Rule, assert_like};
 use crate::golden::{assert_golden, golden_stage};
-use crate::judge::{Rule, assert_like};
 use crate::stage::{Stage, cell, flat, lighting, looking_from, noise, part, sun};
 use glam::{DVec3, Vec3};
 use penumbra_compositor::Exposure;
@@ -27,7 +27,7 @@ fn respond_by_paper(stage: &mut Stage, lights: &[DomeLight]) {
     stage.brightest = BrightestLight::from_lights(lights).vector();
 }
 
-/// A table of codes `codes` in `lights`, seen from above.
+/// A uniform table of code values `codes` under `lights`, seen from above.
 fn table(codes: [u8; 3], lights: Vec<DomeLight>, lamps: Vec<PlacedLamp>) -> Stage {
     let mut stage = Stage::new(96, 72);
     respond_by_paper(&mut stage, &lights);
@@ -49,7 +49,8 @@ fn code_at(stage: &Stage, picture: &Picture, world: Vec3) -> [u8; 3] {
     picture.rgb(pixel.x as u32, pixel.y as u32)
 }
 
-/// A far lamp towards `to`, which gives the table's middle an irradiance of `facing`.
+/// A distant lamp towards `to`, whose irradiance on the table's centre, facing the lamp, is
+/// `facing`.
 fn far(to: Vec3, facing: Vec3) -> PlacedLamp {
     point(to.normalize() * 40.0, facing * 1600.0)
 }
@@ -81,7 +82,7 @@ fn intensity(stage: &Stage) -> f32 {
 }
 
 #[test]
-fn a_lamp_beside_the_sun_takes_the_videos_own_relief() {
+fn lamp_beside_the_sun_scales_the_video() {
     let stage = table(
         CODES,
         vec![sun(TO_SUN, Vec3::splat(2.0))],
@@ -92,7 +93,7 @@ fn a_lamp_beside_the_sun_takes_the_videos_own_relief() {
 }
 
 #[test]
-fn a_lamp_at_a_right_angle_to_the_sun_is_shaded_by_the_cosine() {
+fn lamp_at_a_right_angle_to_the_sun_is_shaded_by_the_cosine() {
     let to = Vec3::new(-0.8, 0.0, 0.6);
     let stage = table(
         CODES,
@@ -102,10 +103,10 @@ fn a_lamp_at_a_right_angle_to_the_sun_is_shaded_by_the_cosine() {
     assert_adds(&stage, 0.6, FACING);
 }
 
-/// Nothing that the camera sees can face two opposite lights, but a low sun and a low lamp are
-/// nearly opposite.
+/// No visible surface can face two opposite lights, but a low sun and a low lamp are nearly
+/// opposite.
 #[test]
-fn a_lamp_opposite_to_the_sun_takes_the_inverse() {
+fn lamp_opposite_to_the_sun_scales_the_inverted_video() {
     let (low, opposite) = (Vec3::new(0.96, 0.0, 0.28), Vec3::new(-0.96, 0.0, 0.28));
     let stage = table(
         CODES,
@@ -119,11 +120,11 @@ fn a_lamp_opposite_to_the_sun_takes_the_inverse() {
 }
 
 #[test]
-fn two_equal_suns_and_an_even_sky_leave_the_cosine_alone() {
+fn two_equal_suns_and_a_uniform_sky_use_the_cosine_alone() {
     let second = Vec3::new(-0.6, 0.0, 0.8);
     let two = vec![sun(TO_SUN, Vec3::ONE), sun(second, Vec3::ONE)];
     for lights in [two, crate::stage::spiral(64, 2.0)] {
-        // The spiral's cells are of one strength and take up no solid angle: made to.
+        // The spiral's cells differ in strength and have no solid angle: both are set.
         let cells = lights.len() as f32;
         let lights: Vec<_> = lights
             .into_iter()
@@ -138,16 +139,16 @@ fn two_equal_suns_and_an_even_sky_leave_the_cosine_alone() {
     }
 }
 
-/// A white surface that faces the lamp shows what the units promise, by both responses.
+/// A white surface that faces the lamp shows its irradiance over π, by both responses.
 #[test]
-fn on_white_under_a_light_across_both_responses_agree() {
+fn both_responses_agree_on_white() {
     let daylight = Vec3::splat(0.6 * PI);
     let lights = vec![
         sun(Vec3::X + Vec3::Z * 1e-3, Vec3::ZERO),
         cell(Vec3::Z, daylight),
     ];
     let mut stage = table([0; 3], lights, vec![far(Vec3::new(0.3, 0.2, 0.9), FACING)]);
-    // What is white shows irradiance / π.
+    // White shows irradiance / π.
     let code = stage.response.code_from_linear(0.6);
     stage.picture = flat(96, 72, [code; 3]);
     stage.lamp_response = LampResponse::Paper;
@@ -163,7 +164,7 @@ fn on_white_under_a_light_across_both_responses_agree() {
 }
 
 #[test]
-fn a_phantoms_colour_colours_what_is_added() {
+fn added_light_is_tinted_by_the_phantoms_albedo() {
     let albedo = Vec3::new(0.8, 0.4, 0.2);
     let to = Vec3::new(-0.8, 0.0, 0.6);
     let mut stage = table(
@@ -175,7 +176,7 @@ fn a_phantoms_colour_colours_what_is_added() {
     assert_adds(&stage, 0.6, FACING * albedo);
 }
 
-/// Real and virtual boxes, two lamps, a sun: every pixel as the twin has it.
+/// Real and virtual boxes, two lamps, a sun.
 fn furnished(step: u32) -> Stage {
     let lights = vec![
         sun(Vec3::new(0.5, -0.2, 0.8), Vec3::new(1.2, 1.1, 1.0)),
@@ -205,7 +206,7 @@ fn furnished(step: u32) -> Stage {
 }
 
 #[test]
-fn every_pixel_is_the_twins() {
+fn every_pixel_matches_the_twin() {
     for (name, step, mode) in [
         ("response-fine", 1, ShadowMode::Ratio),
         ("response-coarse", 2, ShadowMode::Ratio),
@@ -227,7 +228,7 @@ fn every_pixel_is_the_twins() {
 }
 
 #[test]
-fn it_is_added_in_the_exposure_that_is_shown() {
+fn light_is_added_in_the_shown_exposure() {
     let mut stage = furnished(1);
     stage.exposure = Exposure::Stops(-1.0);
     let rule = Rule {
@@ -238,7 +239,7 @@ fn it_is_added_in_the_exposure_that_is_shown() {
 }
 
 #[test]
-fn with_nothing_virtual_every_code_stays() {
+fn every_code_stays_without_active_lamps() {
     let mut full = furnished(1);
     full.scene.virtual_parts.clear();
     full.picture = noise(128, 96);
@@ -268,7 +269,7 @@ fn with_nothing_virtual_every_code_stays() {
 }
 
 #[test]
-fn going_there_and_back_leaves_no_trace() {
+fn switching_the_response_leaves_no_trace() {
     let mut stage = furnished(2);
     let paper = stage.compose();
     let mut compositor = stage.compositor();
@@ -280,7 +281,7 @@ fn going_there_and_back_leaves_no_trace() {
     assert!(stage.compose_with(&mut compositor) == paper);
     stage.lamp_response = LampResponse::Intrinsic;
     assert!(stage.compose_with(&mut compositor) == intrinsic);
-    // A direction that is no number is none.
+    // A direction with NaN counts as none.
     stage.lamp_response = LampResponse::Paper;
     stage.brightest = Vec3::NAN;
     let wrong = stage.compose_with(&mut compositor);

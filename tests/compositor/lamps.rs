@@ -1,4 +1,4 @@
-//! Lamps that exist in the picture only, against closed forms.
+//! Virtual lamps, against closed forms.
 
 use crate::stage::{Stage, cell, flat, lighting, looking_from, noise, painted, part};
 use glam::{DVec3, Vec3, Vec4};
@@ -8,7 +8,7 @@ use penumbra_scene::ShadowMode;
 use penumbra_scene::{Material, Part, PlacedLamp, primitives};
 use std::f32::consts::PI;
 
-/// What arrives on the table without lamps.
+/// Irradiance on the table without lamps.
 const DAYLIGHT: Vec3 = Vec3::new(2.0, 1.8, 1.5);
 
 fn point(position: Vec3, intensity: Vec3) -> PlacedLamp {
@@ -21,7 +21,7 @@ fn point(position: Vec3, intensity: Vec3) -> PlacedLamp {
     }
 }
 
-/// A table under light from straight above, which throws no shadow beside a box.
+/// A table under light from straight above, so that a box casts no shadow beside itself.
 fn table(lamps: Vec<PlacedLamp>) -> Stage {
     let mut stage = Stage::new(160, 120).lit(lighting(vec![cell(Vec3::Z, DAYLIGHT)], 0.0));
     stage.picture = flat(160, 120, [90, 80, 70]);
@@ -37,7 +37,7 @@ fn cuboid(size: Vec3, at: DVec3) -> Part {
     part(primitives::cuboid(size), at)
 }
 
-/// Codes at the pixel that shows a point of the world.
+/// Codes of the pixel that shows a point of the world.
 fn codes_at(stage: &Stage, picture: &Picture, world: Vec3) -> [u8; 3] {
     let pose = stage.pose.unwrap();
     let seen = pose.inverse().rotation * world.as_dvec3() + pose.inverse().translation;
@@ -63,18 +63,18 @@ fn irradiance(lamp: &PlacedLamp, at: Vec3, n: Vec3) -> Vec3 {
 #[track_caller]
 fn assert_linear(stage: &Stage, picture: &Picture, at: Vec3, expected: Vec3, tolerance: u8) {
     let found = codes_at(stage, picture, at);
-    let wanted = expected
+    let codes = expected
         .to_array()
         .map(|v| stage.response.code_from_linear(v));
-    let off = (0..3).map(|c| found[c].abs_diff(wanted[c])).max().unwrap();
-    assert!(off <= tolerance, "{at}: {found:?}, expected {wanted:?}");
+    let off = (0..3).map(|c| found[c].abs_diff(codes[c])).max().unwrap();
+    assert!(off <= tolerance, "{at}: {found:?}, expected {codes:?}");
 }
 
 fn camera_linear(stage: &Stage) -> Vec3 {
     Vec3::from(stage.response.linear_from_rgb(stage.picture.rgb(0, 0)))
 }
 
-/// What a point of the table must show that the lamp lights.
+/// Expected linear light of an unshadowed point of the table.
 fn lit(stage: &Stage, at: Vec3) -> Vec3 {
     let added: Vec3 = stage.lamps.iter().map(|l| irradiance(l, at, Vec3::Z)).sum();
     match stage.mode {
@@ -84,7 +84,7 @@ fn lit(stage: &Stage, at: Vec3) -> Vec3 {
 }
 
 #[test]
-fn a_lamp_lights_the_table_by_the_cosine_and_the_inverse_square() {
+fn lamp_lights_the_table_by_cosine_and_inverse_square() {
     for height in [0.2, 0.4, 0.8] {
         for (step, mode) in [
             (1, ShadowMode::Ratio),
@@ -120,7 +120,7 @@ fn two_lamps_add_up() {
 }
 
 #[test]
-fn a_spot_fades_between_its_two_angles_and_leaves_the_rest_alone() {
+fn spot_fades_between_its_two_angles_and_changes_nothing_outside() {
     let mut lamp = point(Vec3::new(0.0, 0.0, 0.5), Vec3::splat(0.6));
     lamp.cone = Some((0.2, 0.5));
     let stage = table(vec![lamp]);
@@ -136,7 +136,7 @@ fn a_spot_fades_between_its_two_angles_and_leaves_the_rest_alone() {
 }
 
 #[test]
-fn a_box_throws_its_shadow_where_the_lamp_says() {
+fn box_casts_its_shadow_away_from_the_lamp() {
     let lamp = point(Vec3::new(0.3, 0.0, 0.4), Vec3::splat(0.5));
     let cube = || cuboid(Vec3::splat(0.1), DVec3::ZERO);
     for (stage, tolerance) in [
@@ -144,8 +144,8 @@ fn a_box_throws_its_shadow_where_the_lamp_says() {
         (table(vec![lamp]).with_phantom(cube()), 1),
     ] {
         let picture = stage.compose();
-        // The far upper edge, x = −0.05 m, falls on 0.3 − 0.35 · 0.4 / 0.3 = −0.1667 m; its
-        // ends, y = ±0.05 m, on ±0.0667 m.
+        // The far upper edge, x = −0.05 m, casts its shadow at 0.3 − 0.35 · 0.4 / 0.3 =
+        // −0.1667 m; its ends, y = ±0.05 m, cast theirs at ±0.0667 m.
         for at in [[-0.155, 0.0], [-0.155, 0.055], [-0.09, -0.04]] {
             let at = Vec3::new(at[0], at[1], 0.0);
             assert_linear(&stage, &picture, at, camera_linear(&stage), tolerance);
@@ -158,7 +158,7 @@ fn a_box_throws_its_shadow_where_the_lamp_says() {
 }
 
 #[test]
-fn a_lamp_among_things_throws_their_shadows_to_all_sides() {
+fn lamp_between_objects_casts_their_shadows_to_all_sides() {
     let lamp = point(Vec3::new(0.0, 0.0, 0.05), Vec3::splat(0.02));
     let post = |x: f64, y: f64| cuboid(Vec3::new(0.06, 0.06, 0.1), DVec3::new(x, y, 0.0));
     let mut stage = table(vec![lamp])
@@ -184,7 +184,7 @@ fn a_lamp_among_things_throws_their_shadows_to_all_sides() {
 }
 
 #[test]
-fn a_white_virtual_surface_shows_what_the_intensity_promises() {
+fn white_virtual_surface_shows_irradiance_over_pi() {
     let lamp = point(Vec3::new(0.1, 0.05, 0.4), Vec3::new(0.3, 0.2, 0.1));
     let mut stage = Stage::new(160, 120)
         .without_ground()
@@ -207,8 +207,8 @@ fn a_white_virtual_surface_shows_what_the_intensity_promises() {
 }
 
 #[test]
-fn rough_metal_mirrors_a_lamp_at_the_eye_as_its_distribution_says() {
-    // With light and eye in one place GGX of α = 1 is F0 / (4π n·l) at every angle.
+fn rough_metal_reflects_a_lamp_at_the_eye_by_its_ggx_distribution() {
+    // With light and eye at the same position, GGX with α = 1 is F0 / (4π n·l) at every angle.
     let eye = Vec3::new(0.0, -0.2, 0.5);
     let lamp = point(eye, Vec3::splat(0.8));
     let metal = Material {
@@ -259,7 +259,7 @@ fn dark_distant_and_hidden_lamps_leave_every_code() {
 }
 
 #[test]
-fn a_moved_lamp_and_moved_casters_are_drawn_again() {
+fn shadow_maps_of_moved_lamps_and_casters_are_drawn_again() {
     let at = |x: f32| point(Vec3::new(x, 0.0, 0.4), Vec3::splat(0.4));
     let cube = |x: f64| cuboid(Vec3::splat(0.1), DVec3::new(x, 0.0, 0.0));
     let mut stage = table(vec![at(0.3)]).with_virtual(cube(0.0));
@@ -280,7 +280,7 @@ fn a_moved_lamp_and_moved_casters_are_drawn_again() {
 }
 
 #[test]
-fn after_the_thirty_second_lamps_are_left_out() {
+fn lamps_beyond_the_thirty_second_are_ignored() {
     let lamps: Vec<_> = (0..40)
         .map(|i| {
             point(
@@ -300,7 +300,7 @@ fn after_the_thirty_second_lamps_are_left_out() {
 }
 
 #[test]
-fn thirty_two_lamps_add_up_each_where_it_shines() {
+fn thirty_two_lamps_add_up() {
     let golden = PI * (3.0 - 5.0_f32.sqrt());
     let lamp = |i: usize| {
         let (sin, cos) = (golden * i as f32).sin_cos();
@@ -324,7 +324,7 @@ fn thirty_two_lamps_add_up_each_where_it_shines() {
 }
 
 #[test]
-fn lamps_that_come_and_go_leave_the_others_shadows_alone() {
+fn adding_and_removing_lamps_keeps_the_shadows_of_others() {
     let all: Vec<_> = (0..6)
         .map(|i| {
             point(

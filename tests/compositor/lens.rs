@@ -1,4 +1,4 @@
-//! Virtual objects in the picture of a lens that bends straight lines.
+//! Virtual objects in the picture of a lens with distortion.
 
 use crate::soft_dots;
 use crate::stage::{Stage, flat, lighting, looking_from, noise, painted, spiral};
@@ -8,8 +8,8 @@ use penumbra_compositor::LensOutput;
 use penumbra_picture::Picture;
 use penumbra_scene::{Material, primitives};
 
-/// Barrel, pincushion, a wide lens with tangential terms, one that bends back, a strong pincushion,
-/// and one with all terms.
+/// Barrel, pincushion, a wide lens with tangential terms, one whose distortion reverses, a strong
+/// pincushion, and one with all terms.
 const LENSES: [[f64; 5]; 6] = [
     [-0.32, 0.12, 0.0, 0.0, -0.02],
     [0.22, -0.04, 0.0, 0.0, 0.0],
@@ -30,7 +30,7 @@ fn lens(distortion: [f64; 5]) -> PinholeCamera {
     }
 }
 
-/// One metre above a table that only shines: camera (x, y, 1) is world (x, −y, 0).
+/// One metre above an emissive table: camera (x, y, 1) is world (x, −y, 0).
 fn stage(distortion: [f64; 5]) -> Stage {
     let mut stage = Stage::new(SIZE.0, SIZE.1).without_ground();
     stage.camera = lens(distortion);
@@ -39,8 +39,8 @@ fn stage(distortion: [f64; 5]) -> Stage {
     stage.lit(lighting(spiral(8, 2.0), 0.5))
 }
 
-/// Shines and answers no light.
-fn shining() -> Material {
+/// An emissive material that reflects no light.
+fn emissive() -> Material {
     Material {
         base_colour: Vec4::new(0.0, 0.0, 0.0, 1.0),
         emissive: Vec3::splat(0.7),
@@ -61,7 +61,7 @@ fn light_of(picture: &Picture, x: i64, y: i64) -> f64 {
     }
 }
 
-/// The point on the plane z = 1 that a pixel shows, by bisection of nothing: Newton in 2-D.
+/// The point on the plane z = 1 that a pixel shows, by Newton's method in 2-D.
 fn plane_point(camera: &PinholeCamera, pixel: DVec2) -> DVec2 {
     let mut p = (pixel - camera.centre) / camera.focal;
     let shown = |p: DVec2| camera.project(p.extend(1.0)).unwrap();
@@ -70,19 +70,19 @@ fn plane_point(camera: &PinholeCamera, pixel: DVec2) -> DVec2 {
         let across = (shown(p + DVec2::X * e) - shown(p - DVec2::X * e)) / (2.0 * e);
         let down = (shown(p + DVec2::Y * e) - shown(p - DVec2::Y * e)) / (2.0 * e);
         let step = DVec2::new(off.perp_dot(down), across.perp_dot(off)) / across.perp_dot(down);
-        // From the corners of a strong lens whole steps go too far.
+        // From the corners of a strong lens full steps overshoot.
         p += 0.5 * step;
     }
     p
 }
 
-/// Dots over the whole picture, ten pixels across and eight from its edges: how far their middles
-/// are off, pixels.
-fn dots_off(distortion: [f64; 5]) -> (f64, f64) {
+/// Root mean square and maximum error of the centres of dots over the entire picture, pixels; the
+/// dots are ten pixels wide and eight from the picture's edges.
+fn dot_errors(distortion: [f64; 5]) -> (f64, f64) {
     const ACROSS: i32 = 9;
     let camera = lens(distortion);
     let shown = |p: DVec2| camera.project(p.extend(1.0)).unwrap();
-    // World's y is the camera's −y.
+    // World y is the camera's −y.
     let seen = |world: DVec3| shown(DVec2::new(world.x, -world.y));
     let mut stage = stage(distortion);
     let mut dots = Vec::new();
@@ -106,53 +106,53 @@ fn dots_off(distortion: [f64; 5]) -> (f64, f64) {
     soft_dots::rms_and_worst(&off.iter().map(|o| o.length()).collect::<Vec<_>>())
 }
 
-/// What the measurement itself tells, by a camera without a lens: 0.034 px root mean square, 0.052 px
-/// at worst, nearly all of it the same for all dots.
+/// The limit without a lens is the error of the measurement itself, nearly all of it the same for
+/// all dots.
 #[test]
-fn dots_lie_where_the_lens_puts_them_over_the_whole_picture() {
-    let (rms, baseline) = dots_off([0.0; 5]);
+fn dots_lie_at_their_distorted_positions_over_the_entire_picture() {
+    let (rms, baseline) = dot_errors([0.0; 5]);
     println!("without a lens: {rms:.4} px root mean square, worst {baseline:.4} px");
     assert!(baseline < 0.06, "{baseline} px");
     for distortion in LENSES {
-        let (rms, worst) = dots_off(distortion);
+        let (rms, worst) = dot_errors(distortion);
         println!("{distortion:?}: {rms:.4} px root mean square, worst {worst:.4} px");
         assert!(worst < 0.1, "{distortion:?}: {worst} px");
     }
 }
 
-/// Lean of the table: its edge crosses the samples of a row at all phases within 16 rows
-/// where the lens does not bend it upright.
-const LEAN: f64 = 0.0625;
-/// Rows whose mean is told.
+/// Tilt of the table: its edge crosses the samples of a row at all phases within 16 rows, where the
+/// lens does not bend it upright.
+const TILT: f64 = 0.0625;
+/// Number of rows that are averaged.
 const ROWS: usize = 32;
 
-/// Where the table's edge, which is `edge` right of the middle, crosses a row's middle.
+/// Column at which the table's edge, `edge` to the right of the centre, crosses a row.
 fn crossing(camera: &PinholeCamera, edge: f64, row: f64) -> f64 {
     let shown = |along: f64| {
-        let right = DVec2::from_angle(LEAN).rotate(DVec2::new(2.0, along));
+        let right = DVec2::from_angle(TILT).rotate(DVec2::new(2.0, along));
         let world = DVec2::new(edge - 2.0, 0.0) + right;
         camera.project(DVec3::new(world.x, -world.y, 1.0)).unwrap()
     };
     let (mut low, mut high) = (-0.8, 0.6);
     for _ in 0..60 {
-        let middle = 0.5 * (low + high);
-        if shown(middle).y > row {
-            low = middle
+        let centre = 0.5 * (low + high);
+        if shown(centre).y > row {
+            low = centre
         } else {
-            high = middle
+            high = centre
         }
     }
     shown(low).x
 }
 
-/// How far the edge of a table of two triangles is off: the worst mean of 32 rows, and how much the
-/// lens bends it, pixels.
-fn edge_off(distortion: [f64; 5], x_pixel: f64) -> (f64, f64) {
+/// Error of the edge of a table of two triangles (maximum over means of 32 rows), and its curvature
+/// by the lens, pixels.
+fn edge_error(distortion: [f64; 5], x_pixel: f64) -> (f64, f64) {
     let camera = lens(distortion);
     let edge = plane_point(&camera, DVec2::new(x_pixel, 120.0)).x;
     let at = DVec3::new(edge - 2.0, 0.0, 0.0);
-    let mut table = painted(primitives::plane(4.0, 8.0), at, shining());
-    table.world_from_part *= glam::DMat4::from_rotation_z(LEAN);
+    let mut table = painted(primitives::plane(4.0, 8.0), at, emissive());
+    table.world_from_part *= glam::DMat4::from_rotation_z(TILT);
     let out = stage(distortion).with_virtual(table).compose();
     let mut off = Vec::new();
     let mut edges = Vec::new();
@@ -169,16 +169,16 @@ fn edge_off(distortion: [f64; 5], x_pixel: f64) -> (f64, f64) {
     let mean = |rows: &[f64]| (rows.iter().sum::<f64>() / rows.len() as f64).abs();
     let worst = off.windows(ROWS).map(mean).fold(0.0, f64::max);
     assert!(edges.len() > 2 * ROWS);
-    let (first, middle, last) = (edges[0], edges[edges.len() / 2], edges[edges.len() - 1]);
-    (worst, (middle - 0.5 * (first + last)).abs())
+    let (first, centre, last) = (edges[0], edges[edges.len() / 2], edges[edges.len() - 1]);
+    (worst, (centre - 0.5 * (first + last)).abs())
 }
 
-/// What the measurement itself tells, by a camera without a lens: 0.009 px.
+/// The case without a lens shows the error of the measurement itself.
 #[test]
-fn the_edge_of_two_triangles_bends_as_the_lens_does() {
+fn edge_of_two_triangles_follows_the_distortion() {
     for distortion in [[0.0; 5]].into_iter().chain(LENSES) {
         for x_pixel in [40.0, 150.0, 270.0] {
-            let (worst, bend) = edge_off(distortion, x_pixel);
+            let (worst, bend) = edge_error(distortion, x_pixel);
             println!("{distortion:?}: an edge bent by {bend:.1} px is off by {worst:.4} px");
             assert!(worst < 0.1, "{distortion:?} {x_pixel}: {worst} px");
         }
@@ -186,13 +186,13 @@ fn the_edge_of_two_triangles_bends_as_the_lens_does() {
 }
 
 #[test]
-fn what_nothing_virtual_touches_is_the_cameras_bit_for_bit() {
+fn pixels_without_virtual_change_keep_the_cameras_codes() {
     for distortion in LENSES {
         let mut stage = stage(distortion);
         stage.picture = noise(SIZE.0, SIZE.1);
         assert!(stage.compose() == stage.picture);
         let dot = primitives::plane(0.1, 0.1);
-        let with = stage.with_virtual(painted(dot, DVec3::ZERO, shining()));
+        let with = stage.with_virtual(painted(dot, DVec3::ZERO, emissive()));
         let out = with.compose();
         let changed = |i: usize| out.rgba[4 * i..4 * i + 4] != with.picture.rgba[4 * i..4 * i + 4];
         let pixels = (SIZE.0 * SIZE.1) as usize;
@@ -207,12 +207,12 @@ fn what_nothing_virtual_touches_is_the_cameras_bit_for_bit() {
 }
 
 #[test]
-fn an_undistorted_picture_has_straight_edges_and_the_cameras_focal_length() {
+fn undistorted_picture_has_straight_edges_and_the_cameras_focal_length() {
     let distortion = LENSES[0];
     let stage = stage(distortion).with_virtual(painted(
         primitives::plane(4.0, 8.0),
         DVec3::new(0.3 - 2.0, 0.0, 0.0),
-        shining(),
+        emissive(),
     ));
     let mut compositor = stage.compositor();
     compositor.set_lens_output(LensOutput::Undistorted);

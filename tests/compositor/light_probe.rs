@@ -1,4 +1,4 @@
-//! A mirrored ball in the camera's own picture, read, and things lit by what it showed.
+//! A mirrored sphere in the camera's own picture as a light probe, and objects lit by its light.
 
 use crate::golden::assert_golden;
 use crate::stage::{Stage, painted, part, sun};
@@ -12,17 +12,17 @@ use penumbra_lighting::{
 use penumbra_picture::Picture;
 use penumbra_scene::{IndirectLightSolver, Material, casters, primitives};
 
-const BALL: DVec3 = DVec3::new(-0.1, 0.03, 0.05);
+const SPHERE: DVec3 = DVec3::new(-0.1, 0.03, 0.05);
 const RADIUS: f64 = 0.05;
 
-/// A room: walls of many colours, brighter upwards, and nothing that clips.
+/// A room: walls of many colours, brighter upwards, without clipping.
 fn room(d: DVec3) -> Vec3 {
     let wave = ((3.0 * d.x).sin() * (2.0 * d.y).cos()) as f32;
     let up = d.z.max(0.0) as f32;
     Vec3::new(0.35 + 0.2 * wave, 0.3 + 0.1 * up, 0.25 + 0.35 * up)
 }
 
-/// The table's squares; `None` for rays that go up.
+/// Radiance of the table's squares; `None` for rays that go up.
 fn table(eye: DVec3, ray: DVec3) -> Option<Vec3> {
     let foot = (ray.z < 0.0).then(|| eye - ray * (eye.z / ray.z))?;
     let odd = ((foot.x / 0.05).floor() + (foot.y / 0.05).floor()) as i64 % 2 != 0;
@@ -33,7 +33,7 @@ fn table(eye: DVec3, ray: DVec3) -> Option<Vec3> {
     })
 }
 
-/// What comes to `eye` along `ray` from a ball in the room; `None` beside it.
+/// Radiance towards `eye` along `ray` from a mirrored sphere in the room; `None` beside it.
 fn mirrored(eye: DVec3, ray: DVec3, centre: DVec3) -> Option<Vec3> {
     let ray = ray.normalize();
     let along = ray.dot(centre - eye);
@@ -53,14 +53,14 @@ fn pixel(x: u32, y: u32, of: impl Fn(DVec2) -> Vec3) -> Vec3 {
     (0..16).map(|k| of(at(k))).sum::<Vec3>() / 16.0
 }
 
-/// The picture of a table with a mirrored ball on it.
+/// The picture of a table with a mirrored sphere on it.
 fn photograph(stage: &Stage) -> Picture {
     let pose = stage.pose.unwrap();
     let (eye, mut picture) = (pose.translation, stage.picture.clone());
     let shown = |at| {
         let ray = pose.rotation * stage.camera.unproject(at);
         let behind = || table(eye, ray).unwrap_or_else(|| room(ray.normalize()));
-        mirrored(eye, ray, BALL).unwrap_or_else(behind)
+        mirrored(eye, ray, SPHERE).unwrap_or_else(behind)
     };
     let width = picture.width;
     for (i, texel) in picture.rgba.chunks_exact_mut(4).enumerate() {
@@ -73,10 +73,10 @@ fn photograph(stage: &Stage) -> Picture {
     picture
 }
 
-/// The light that the ball shows; the pose says that it is some pixels off.
+/// Reads the light from the sphere, whose assumed position has the error `off`.
 fn read(stage: &Stage, off: DVec3) -> Lighting {
     let sphere = MirrorSphere {
-        centre_in_world: BALL,
+        centre_in_world: SPHERE,
         radius: RADIUS,
         reflectance: [1.0; 3],
         in_scene: true,
@@ -95,7 +95,7 @@ fn read(stage: &Stage, off: DVec3) -> Lighting {
     let input = EnvironmentInput {
         scene: Some((stage.pose.unwrap(), &stage.camera)),
         sphere_position: Some(SpherePosition {
-            centre_in_world: BALL + off,
+            centre_in_world: SPHERE + off,
             sigma: 1.5,
         }),
         ..EnvironmentInput::new(&brackets, MonotonicTime::default())
@@ -103,33 +103,35 @@ fn read(stage: &Stage, off: DVec3) -> Lighting {
     (*estimator.update(&input).unwrap()).clone()
 }
 
-/// A virtual ball of this roughness to the right of the real one.
+/// A virtual sphere of this roughness to the right of the real one.
 fn beside(roughness: f32) -> (Stage, DVec3) {
-    let place = DVec3::new(0.06, 0.0, 0.05);
+    let position = DVec3::new(0.06, 0.0, 0.05);
     let mirror = Material {
         metallic: 1.0,
         roughness,
         ..Material::default()
     };
-    let ball = painted(primitives::sphere(RADIUS as f32, 128, 64), place, mirror);
-    let real = part(primitives::sphere(RADIUS as f32, 64, 32), BALL);
-    let mut stage = Stage::new(200, 150).with_virtual(ball).with_phantom(real);
+    let sphere_part = painted(primitives::sphere(RADIUS as f32, 128, 64), position, mirror);
+    let real = part(primitives::sphere(RADIUS as f32, 64, 32), SPHERE);
+    let mut stage = Stage::new(200, 150)
+        .with_virtual(sphere_part)
+        .with_phantom(real);
     stage.picture = photograph(&stage);
-    (stage, place)
+    (stage, position)
 }
 
 #[test]
-fn golden_a_virtual_ball_beside_a_mirrored_one() {
+fn golden_a_virtual_sphere_beside_a_mirrored_one() {
     let (stage, _) = beside(0.25);
     let light = read(&stage, DVec3::new(0.001, 0.0, 0.0015));
     assert_golden("light-probe", &stage.lit(light).compose());
 }
 
-/// A virtual mirror shows the room that the real one showed, wherever the pose says that this was.
+/// A virtual mirror shows the room that the real one showed, in spite of errors of the pose.
 #[test]
-fn a_virtual_mirror_shows_the_room_that_the_real_one_saw() {
+fn virtual_mirror_shows_the_room_of_the_real_mirror() {
     for off in [DVec3::ZERO, DVec3::new(0.002, 0.0, -0.0015)] {
-        let (stage, place) = beside(0.0);
+        let (stage, position) = beside(0.0);
         let light = read(&stage, off);
         let (pose, camera) = (stage.pose.unwrap(), stage.camera.clone());
         let composed = stage.clone().lit(light).compose();
@@ -137,14 +139,14 @@ fn a_virtual_mirror_shows_the_room_that_the_real_one_saw() {
         for (x, y) in (0..150).flat_map(|y| (0..200).map(move |x| (x, y))) {
             let ray = |at| pose.rotation * camera.unproject(at);
             let ray = ray(DVec2::new(f64::from(x), f64::from(y))).normalize();
-            let along = ray.dot(place - pose.translation);
-            let miss = (place - pose.translation - ray * along).length();
-            let Some(shown) = mirrored(pose.translation, ray, place) else {
+            let along = ray.dot(position - pose.translation);
+            let miss = (position - pose.translation - ray * along).length();
+            let Some(shown) = mirrored(pose.translation, ray, position) else {
                 continue;
             };
             let at = pose.translation + ray * (along - (RADIUS * RADIUS - miss * miss).sqrt());
-            let n = (at - place) / RADIUS;
-            // The upper half, off the rim.
+            let n = (at - position) / RADIUS;
+            // The upper half, without the rim.
             if (ray - n * (2.0 * ray.dot(n))).z > 0.1 && miss < 0.9 * RADIUS {
                 let codes = shown.to_array().map(|l| stage.response.code_from_linear(l));
                 let pairs = composed.rgb(x, y).into_iter().zip(codes);
@@ -162,7 +164,7 @@ fn pixel_of(stage: &Stage, at: DVec3) -> (u32, u32) {
     (pixel.x.round() as u32, pixel.y.round() as u32)
 }
 
-/// A red box tints the table beside it.
+/// A red box tints the table beside it by indirect light.
 #[test]
 fn golden_a_red_box_tints_the_table() {
     let red = Material {
@@ -182,7 +184,7 @@ fn golden_a_red_box_tints_the_table() {
     near.settle(&light, &[]);
     stage.near = Some(near.light().clone());
     let tinted = stage.compose();
-    // In front of its lit side: redder, and no darker.
+    // In front of the box's lit side: redder, and not darker.
     let (x, y) = pixel_of(&stage, DVec3::ZERO);
     let (before, after) = (plain.rgb(x, y), tinted.rgb(x, y));
     assert!(after[0] > before[0] + 4, "{before:?} {after:?}");

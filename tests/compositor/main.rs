@@ -1,16 +1,16 @@
-//! The compositor on the software Vulkan driver: against its plain twin on the CPU, against
-//! truths in closed form, and against a few golden pictures.
+//! The compositor on the software Vulkan driver, compared with its CPU reference (the "twin"), with
+//! closed-form ground truth, and with a few golden pictures.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 mod area_lamps;
 mod auto_exposure;
 mod baking;
+mod comparison;
 mod exposure;
 mod exposure_by_paper;
 mod gloss;
 mod golden;
 mod indirect_light;
-mod judge;
 mod lamp_cost;
 mod lamp_response;
 mod lamps;

@@ -1,7 +1,7 @@
-//! Objects that move: at each instant the picture is that of the same objects placed there.
+//! Moving objects: at each instant the picture equals that of the same objects placed there.
 
+use crate::comparison::{difference, square_differences};
 use crate::golden::{assert_golden, golden_stage};
-use crate::judge::{difference, square_differences};
 use crate::stage::Stage;
 use glam::{DVec3, Vec3};
 use penumbra_compositor::{Compositor, Refresh};
@@ -9,8 +9,8 @@ use penumbra_picture::Picture;
 use penumbra_scene::Motions;
 use penumbra_scene::{SceneAddition, primitives};
 
-/// A box that slides and turns, a ring that spins about a slanted axis and grows, a post that
-/// stands still, and a spot that the box carries.
+/// A box that slides and rotates, a ring that spins about a slanted axis and grows, a static post,
+/// and a spot attached to the box.
 const SCENE: &str = r##"
 [[object]]
 name = "box"
@@ -61,7 +61,7 @@ fn stage() -> Stage {
     let path = folder.path().join("moving.toml");
     std::fs::write(&path, SCENE).unwrap();
     let mut stage = golden_stage();
-    // A low sun throws long shadows.
+    // A low sun casts long shadows.
     let sun = crate::stage::sun(Vec3::new(-0.6, -0.3, 0.7), Vec3::new(1.2, 1.1, 0.9));
     stage.lighting.as_mut().unwrap().lights[63] = sun;
     stage.scene = SceneAddition::load(&path).unwrap().onto(stage.scene);
@@ -72,7 +72,7 @@ fn stage() -> Stage {
     stage.with_phantom(real)
 }
 
-/// Uncoarsened, so that both have the same triangles.
+/// A compositor without mesh simplification, so that all stages have the same triangles.
 fn compositor(stage: &Stage) -> Compositor {
     let response = stage.response.clone();
     let mut compositor = Compositor::new(crate::stage::gpu(), stage.settings.clone(), response);
@@ -80,14 +80,14 @@ fn compositor(stage: &Stage) -> Compositor {
     compositor
 }
 
-/// The picture at `seconds` of a compositor that has shown other instants.
+/// The picture at `seconds` of a compositor that has shown other times.
 fn moved(stage: &mut Stage, compositor: &mut Compositor, seconds: f64) -> Picture {
     stage.scene.lamps_at(seconds, &mut stage.lamps);
     stage.seconds = seconds;
     stage.compose_with(compositor)
 }
 
-/// The same things placed there, in a compositor of their own.
+/// The picture of the same objects placed statically, in a new compositor.
 fn placed(seconds: f64) -> Picture {
     let mut stage = stage();
     stage.scene.lamps_at(seconds, &mut stage.lamps);
@@ -97,7 +97,7 @@ fn placed(seconds: f64) -> Picture {
 }
 
 #[test]
-fn what_moves_looks_and_casts_as_if_it_were_placed_there() {
+fn moving_objects_look_and_cast_shadows_as_if_placed_there() {
     let mut stage = stage();
     assert_eq!(stage.scene.motions.parts.len(), 2);
     let mut compositor = compositor(&stage);
@@ -115,12 +115,12 @@ fn what_moves_looks_and_casts_as_if_it_were_placed_there() {
     assert_eq!(
         difference(&again, &first).0,
         0,
-        "the same time, the same bytes"
+        "the same time gives other bytes"
     );
 }
 
 #[test]
-fn nothing_is_drawn_anew_for_what_rests() {
+fn shadow_maps_of_resting_objects_are_not_drawn_again() {
     let mut stage = stage();
     stage.scene.motions.parts.retain(|mover| mover.index == 0);
     let mut compositor = compositor(&stage);
@@ -138,7 +138,7 @@ fn nothing_is_drawn_anew_for_what_rests() {
 }
 
 #[test]
-fn golden_moving_objects_and_the_lamp_that_one_carries() {
+fn golden_moving_objects_with_an_attached_lamp() {
     let mut stage = stage();
     let mut compositor = stage.compositor();
     moved(&mut stage, &mut compositor, 0.4);

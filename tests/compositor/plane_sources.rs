@@ -1,7 +1,7 @@
-//! Compact sources of light on shadowing planes: lit from where they are, not from the middle of
-//! the face in which they lie.
+//! Compact sources on shadowing planes: their shadows come from their own direction, not from the
+//! centre of the face that contains them.
 
-use crate::judge::{Rule, assert_like, assert_same_where, strays, untouched};
+use crate::comparison::{Rule, assert_like, assert_same_where, strays, untouched};
 use crate::planes::{EXACT, baked, compose, cube, lit_by, planes, stage_with};
 use crate::stage::{Stage, gpu, sun};
 use glam::{Quat, Vec3};
@@ -14,7 +14,7 @@ use std::sync::Arc;
 
 const STRENGTH: Vec3 = Vec3::new(1.6, 1.5, 1.2);
 
-/// The bake of a stage in force, and sources with it.
+/// A compositor with the bake of a stage and its sources.
 fn compositor(stage: &Stage) -> Compositor {
     let bake = baked(stage, planes());
     let sources = SourceBaker::new(&gpu(), &stage.scene, &bake).unwrap();
@@ -38,7 +38,7 @@ fn source(direction: Vec3) -> FaceSource {
     }
 }
 
-/// A dim sky and one sun; the lights of the picture, of the twin, and of the faces agree.
+/// A dim sky and one sun; the lights of the picture, the twin and the faces are consistent.
 fn sunny(direction: Vec3, generation: u64) -> Lighting {
     let sky = [Vec3::new(0.02, 0.022, 0.025); 40];
     let mut faces = sky;
@@ -53,7 +53,7 @@ fn sunny(direction: Vec3, generation: u64) -> Lighting {
     lighting
 }
 
-/// Well beside the middle of its face.
+/// A direction well away from its face's centre.
 fn beside() -> Vec3 {
     let dome = GeodesicDome::new(2).unwrap();
     let [a, b, _] = dome.faces[11].corners;
@@ -78,14 +78,14 @@ fn pictures(
         .collect()
 }
 
-/// Codes that differ by more than the twin's rule lets them.
+/// Number of codes that differ by more than the twin's tolerance.
 fn differing(a: &Picture, b: &Picture) -> usize {
     let pairs = a.rgba.iter().zip(&b.rgba);
     pairs.filter(|(a, b)| a.abs_diff(**b) > 8).count()
 }
 
 #[test]
-fn the_sun_casts_its_shadow_from_where_it_is() {
+fn sun_casts_its_shadow_from_its_own_direction() {
     let direction = beside();
     let centre = GeodesicDome::new(2).unwrap().faces[11].centre;
     assert!(
@@ -101,7 +101,7 @@ fn the_sun_casts_its_shadow_from_where_it_is() {
         (work.sources, work.source_images),
         (1, planes().len() as u64)
     );
-    // The papers' way it lies elsewhere.
+    // By the papers' method the shadow lies elsewhere.
     let mut papers = stage.compositor();
     papers.set_bake(Some(&baked(&stage, planes()))).unwrap();
     let (moved, work) = compose(&mut papers, &stage, EXACT);
@@ -111,7 +111,7 @@ fn the_sun_casts_its_shadow_from_where_it_is() {
 }
 
 #[test]
-fn where_all_light_arrives_the_picture_is_the_cameras() {
+fn unshadowed_pixels_keep_the_cameras_codes() {
     let stage = stage_in(sunny(beside(), 1));
     let (ours, _) = compose(&mut compositor(&stage), &stage, EXACT);
     let calm = untouched(&stage.twin(), 3);
@@ -120,7 +120,7 @@ fn where_all_light_arrives_the_picture_is_the_cameras() {
 }
 
 #[test]
-fn without_sources_nothing_is_other_than_before() {
+fn pictures_without_sources_are_unchanged() {
     let sky: Vec<Vec3> = (0..40)
         .map(|i| Vec3::splat(0.02 + 0.01 * (i % 7) as f32))
         .collect();
@@ -128,10 +128,10 @@ fn without_sources_nothing_is_other_than_before() {
     let mut papers = stage.compositor();
     papers.set_bake(Some(&baked(&stage, planes()))).unwrap();
     let (expected, _) = compose(&mut papers, &stage, EXACT);
-    // No source is there.
+    // No source in the light.
     let (none, _) = compose(&mut compositor(&stage), &stage, EXACT);
     assert_eq!(none, expected);
-    // One is, and is not wanted.
+    // A source in the light, but sources are off.
     let sunny = sunny(beside(), 1);
     let mut without = sunny.clone();
     let light = sunny.faces.as_deref().unwrap().clone();
@@ -148,7 +148,7 @@ fn without_sources_nothing_is_other_than_before() {
     assert_eq!(pictures[0], pictures[1]);
 }
 
-/// Along the sky, over an edge between two faces.
+/// Directions along the sky, across an edge between two faces.
 fn path(frames: usize, degrees: f32) -> Vec<Vec3> {
     let dome = GeodesicDome::new(2).unwrap();
     let common = |f: &Face| {
@@ -160,16 +160,16 @@ fn path(frames: usize, degrees: f32) -> Vec<Vec3> {
     let next = dome.faces.iter().position(|f| common(f) == 2).unwrap();
     let (from, to) = (dome.faces[11].centre, dome.faces[next].centre);
     let axis = from.cross(to).normalize();
-    let whole = from.angle_between(to);
+    let total = from.angle_between(to);
     let at = |i: usize| {
         let from_middle = (i as f32 - frames as f32 / 2.0) * degrees.to_radians();
-        Quat::from_axis_angle(axis, 0.5 * whole + from_middle) * from
+        Quat::from_axis_angle(axis, 0.5 * total + from_middle) * from
     };
     (0..frames).map(at).collect()
 }
 
 #[test]
-fn a_shadow_moves_in_small_steps_and_does_not_jump_over_an_edge() {
+fn shadow_moves_smoothly_across_an_edge_between_faces() {
     let path = path(40, 0.5);
     assert_ne!(face_of(path[0]), face_of(path[39]));
     let mut stage = stage_in(sunny(path[0], 1));
@@ -184,13 +184,13 @@ fn a_shadow_moves_in_small_steps_and_does_not_jump_over_an_edge() {
     let jumping = pictures(&mut papers, &mut stage, &path);
     let (step, jump) = (steps(&ours), steps(&jumping));
     assert!(3 * step < jump, "{step} {jump}");
-    // It has followed.
+    // The images have followed the source.
     assert!(ours.last().unwrap().1.source_images > 3 * planes().len() as u64);
     assert!(ours.iter().all(|(_, work)| work.sources == 1));
 }
 
 #[test]
-fn images_drawn_while_pictures_go_on_are_those_that_are_drawn_at_once() {
+fn incrementally_baked_images_equal_those_baked_at_once() {
     let path = path(12, 1.0);
     let mut stage = stage_in(sunny(path[0], 1));
     let mut ours = compositor(&stage);
@@ -202,17 +202,17 @@ fn images_drawn_while_pictures_go_on_are_those_that_are_drawn_at_once() {
     let off = settled.rgba.iter().zip(&fresh.rgba);
     let off = off.map(|(a, b)| a.abs_diff(*b)).max();
     assert!(off <= Some(1), "{off:?}");
-    // Steady light draws nothing.
+    // Steady light bakes nothing.
     let (_, later) = pictures(&mut ours, &mut stage, &last[..3]).pop().unwrap();
     assert_eq!(work.source_images, later.source_images);
     assert_eq!((later.images, later.resummed), (0, 0));
-    // Pictures depend on nothing but the pictures before them.
+    // Pictures depend only on the pictures before them.
     let again = pictures(&mut compositor(&stage), &mut stage, &path);
     assert_eq!(first, again);
 }
 
 #[test]
-fn planes_that_were_out_of_sight_know_the_new_images() {
+fn hidden_planes_use_the_new_images_when_visible_again() {
     let path = path(30, 0.7);
     let mut stage = stage_in(sunny(path[0], 1));
     let mut ours = compositor(&stage);
@@ -229,7 +229,7 @@ fn planes_that_were_out_of_sight_know_the_new_images() {
 }
 
 #[test]
-fn a_source_that_comes_and_goes_fades() {
+fn appearing_source_fades_in() {
     let mut stage = stage_in(sunny(beside(), 1));
     let dark = lit_by(&[Vec3::new(0.02, 0.022, 0.025); 40], 2);
     stage.lighting = Some(dark);
@@ -242,11 +242,11 @@ fn a_source_that_comes_and_goes_fades() {
     let (fresh, _) = compose(&mut compositor(&stage), &stage, EXACT);
     let off = came[29].0.rgba.iter().zip(&fresh.rgba);
     assert!(off.map(|(a, b)| a.abs_diff(*b)).max() <= Some(1));
-    // No picture is far from both neighbours: the shadow goes over from the face's to its own.
-    let whole = differing(&came[0].0, &came[29].0);
+    // No step is large: the shadow fades from the face's to the source's own.
+    let total = differing(&came[0].0, &came[29].0);
     let steps = came.windows(2).map(|pair| {
         let codes = pair[0].0.rgba.iter().zip(&pair[1].0.rgba);
         codes.map(|(a, b)| u32::from(a.abs_diff(*b))).max().unwrap()
     });
-    assert!(whole > 0 && steps.max().unwrap() < 64);
+    assert!(total > 0 && steps.max().unwrap() < 64);
 }

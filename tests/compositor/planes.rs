@@ -1,6 +1,6 @@
-//! Pictures with shadowing planes, against the twin that follows rays to the same lights.
+//! Pictures with shadowing planes, compared with the twin, which casts rays to the same lights.
 
-use crate::judge::{Rule, assert_like, assert_same_where, untouched, virtual_inside};
+use crate::comparison::{Rule, assert_like, assert_same_where, untouched, virtual_inside};
 use crate::stage::{Stage, gpu, lighting, part, sun};
 use glam::{DQuat, DVec2, DVec3, Vec3};
 use penumbra_compositor::planes::{PlaneWork, PlanesChoice, Thresholds, bake, mend};
@@ -23,7 +23,7 @@ pub const EXACT: Thresholds = Thresholds {
     recompute_above: 0.0,
 };
 
-/// Each face of the dome shines with its own luminance.
+/// Lighting in which each face of the dome has its own luminance.
 pub fn lit_by(luminance: &[Vec3], generation: u64) -> Lighting {
     let dome = GeodesicDome::new(2).unwrap();
     let lights = dome.faces.iter().zip(luminance);
@@ -45,7 +45,7 @@ pub fn lit_by(luminance: &[Vec3], generation: u64) -> Lighting {
     lighting
 }
 
-/// A sky, bluer to one side, with a sun in one face.
+/// A sky, bluer on one side, with a sun in one face.
 fn sky() -> Vec<Vec3> {
     let dome = GeodesicDome::new(2).unwrap();
     let of = |(i, f): (usize, &penumbra_lighting::geodesic::Face)| {
@@ -76,7 +76,7 @@ fn rectangle(centre: DVec3, right: DVec3, up: DVec3, half: f64, layer: Layer) ->
     }
 }
 
-/// The table, and a box of 0.1 m that stands on it at the origin.
+/// The table, and the sides of a box of 0.1 m at the origin.
 pub fn planes() -> Vec<ShadowingPlane> {
     let (x, y, z) = (DVec3::X, DVec3::Y, DVec3::Z);
     let side = |normal: DVec3, right: DVec3, up: DVec3| {
@@ -147,7 +147,7 @@ fn compositor(stage: &Stage, planes: Vec<ShadowingPlane>) -> Compositor {
 }
 
 #[test]
-fn one_light_casts_the_shadow_that_the_twin_has() {
+fn shadow_of_one_light_matches_the_twin() {
     let mut luminance = vec![Vec3::splat(0.02); 40];
     luminance[11] = Vec3::new(2.0, 1.8, 1.5);
     let stage = stage_with(&luminance);
@@ -156,7 +156,7 @@ fn one_light_casts_the_shadow_that_the_twin_has() {
 }
 
 #[test]
-fn a_whole_sky_shades_real_and_virtual_surfaces_as_the_twin_has_it() {
+fn shading_by_a_sky_matches_the_twin() {
     let mut stage = stage_with(&sky());
     let (ours, work) = compose(&mut compositor(&stage, planes()), &stage, EXACT);
     assert_like(
@@ -182,7 +182,7 @@ fn a_whole_sky_shades_real_and_virtual_surfaces_as_the_twin_has_it() {
 }
 
 #[test]
-fn where_all_light_arrives_the_picture_is_the_cameras_bit_for_bit() {
+fn unshadowed_pixels_keep_the_cameras_codes() {
     let stage = stage_with(&sky());
     let (ours, _) = compose(&mut compositor(&stage, planes()), &stage, EXACT);
     let calm = untouched(&stage.twin(), 3);
@@ -205,7 +205,7 @@ fn phantoms_shadow_virtual_objects_and_are_not_counted_twice() {
         .unwrap();
     luminance[behind] = Vec3::splat(2.0);
     let stage = stage_with(&luminance).with_phantom(wall);
-    // The wall catches shadows, too.
+    // The wall receives shadows, too.
     let mut all = planes();
     all.push(ShadowingPlane {
         receiver: Receiver::Surface,
@@ -247,7 +247,7 @@ fn phantoms_shadow_virtual_objects_and_are_not_counted_twice() {
 }
 
 #[test]
-fn differences_add_up_to_what_sums_from_scratch_give() {
+fn added_differences_equal_recomputed_sums() {
     let mut luminance = sky();
     let mut stage = stage_with(&luminance);
     let mut ours = compositor(&stage, planes());
@@ -258,7 +258,7 @@ fn differences_add_up_to_what_sums_from_scratch_give() {
         luminance[30 - usize::from(step)] *= 0.5;
         stage.lighting = Some(lit_by(&luminance, 2 + u64::from(step)));
         let (picture, work) = compose(&mut ours, &stage, EXACT);
-        // Two lights at most on each plane; on some they shine from behind.
+        // At most two lights on each plane; some planes face away from them.
         assert!(work.images > 0 && work.images <= 2 * work.seen, "{work:?}");
         let (fresh, _) = compose(&mut compositor(&stage, planes()), &stage, EXACT);
         let off = picture
@@ -272,7 +272,7 @@ fn differences_add_up_to_what_sums_from_scratch_give() {
 }
 
 #[test]
-fn steady_light_costs_nothing_and_faint_lights_are_left_out() {
+fn steady_light_needs_no_images_and_faint_lights_are_skipped() {
     let luminance = sky();
     let mut stage = stage_with(&luminance);
     let mut ours = compositor(&stage, planes());
@@ -286,10 +286,10 @@ fn steady_light_costs_nothing_and_faint_lights_are_left_out() {
         skip_below: 0.002,
         ..faint
     };
-    let (_, mended) = compose(&mut ours, &stage, thresholds);
+    let (_, repaired) = compose(&mut ours, &stage, thresholds);
     assert!(
-        mended.images > 0 && mended.lights_skipped == 0,
-        "{mended:?}"
+        repaired.images > 0 && repaired.lights_skipped == 0,
+        "{repaired:?}"
     );
     let (_, steady) = compose(&mut ours, &stage, thresholds);
     assert_eq!((steady.images, steady.resummed), (0, 0));
@@ -310,7 +310,7 @@ fn steady_light_costs_nothing_and_faint_lights_are_left_out() {
 }
 
 #[test]
-fn planes_out_of_sight_cost_nothing_and_catch_up_when_they_are_seen() {
+fn hidden_planes_need_no_images_and_catch_up_when_visible() {
     let luminance = sky();
     let mut stage = stage_with(&luminance);
     let mut ours = compositor(&stage, planes());
@@ -326,47 +326,47 @@ fn planes_out_of_sight_cost_nothing_and_catch_up_when_they_are_seen() {
     assert_eq!(picture, fresh);
 }
 
-/// Share of the pixels that differ by more than 3 codes.
+/// Fraction of the codes that differ by more than 3.
 fn share_off(a: &Picture, b: &Picture) -> f64 {
     let differ = |(a, b): &(&u8, &u8)| a.abs_diff(**b) > 3;
     let count = a.rgba.iter().zip(&b.rgba).filter(differ).count();
     count as f64 / a.rgba.len() as f64
 }
 
-/// A model that is turned and pushed over the ground, under turned light and seen by a camera
-/// that was carried along, looks as before; nothing is baked anew.
+/// A model that is rotated and moved over the ground, under rotated light and seen by a camera that
+/// moves with it, looks as before; nothing is baked again.
 #[test]
-fn a_moved_model_takes_its_bake_along() {
+fn moved_model_keeps_its_bake() {
     let luminance = sky();
     let before = stage_with(&luminance);
-    let turn = DQuat::from_rotation_z(0.6);
-    let motion = RigidTransform::new(turn, DVec3::new(0.3, -0.2, 0.0));
+    let rotation = DQuat::from_rotation_z(0.6);
+    let motion = RigidTransform::new(rotation, DVec3::new(0.3, -0.2, 0.0));
     let mut after = stage_with(&luminance);
     after.pose = before.pose.map(|pose| motion * pose);
     for part in &mut after.scene.virtual_parts {
         part.world_from_part = motion.to_matrix() * part.world_from_part;
     }
-    // The faces' sums are those of a dome that is turned; what else shines does, too.
+    // The faces rotate with the planes; the other lights are rotated here.
     let lighting = after.lighting.as_mut().unwrap();
     for light in &mut lighting.lights {
-        light.direction = turn.as_quat() * light.direction;
+        light.direction = rotation.as_quat() * light.direction;
     }
     let mut moved = compositor(&before, planes());
     let (expected, _) = compose(&mut moved, &before, EXACT);
     moved.set_scene(&after.scene, &penumbra_scene::casters(&after.scene));
     moved.move_planes(motion);
     let (picture, work) = compose(&mut moved, &after, EXACT);
-    assert_eq!(work.images, 0, "what was summed before still holds");
+    assert_eq!(work.images, 0, "earlier sums remain valid");
     assert!(share_off(&picture, &expected) < 0.005);
     moved.move_planes(RigidTransform::IDENTITY);
     let (left_behind, _) = compose(&mut moved, &after, EXACT);
     assert!(share_off(&left_behind, &expected) > 0.02);
 }
 
-/// One of two objects is changed: the mended bake has the very images that a whole one has.
+/// One of two objects changes: the repaired bake has the images of a complete new bake.
 #[test]
-#[expect(clippy::too_many_lines, reason = "one scene, step by step")]
-fn a_mended_bake_is_what_baking_all_of_it_gives() {
+#[expect(clippy::too_many_lines, reason = "steps of one scene")]
+fn repaired_bake_equals_a_complete_bake() {
     let cube = |x: f64, size: f32| part(primitives::cuboid(Vec3::splat(size)), DVec3::X * x);
     let scene = |parts: Vec<Part>| Stage {
         scene: Scene {
@@ -381,7 +381,7 @@ fn a_mended_bake_is_what_baking_all_of_it_gives() {
         count: 20,
         ..PlaneSettings::default()
     };
-    let whole = |scene: &Scene, planes: Vec<ShadowingPlane>| {
+    let bake_all = |scene: &Scene, planes: Vec<ShadowingPlane>| {
         let settings = BakeSettings {
             resolution: 64,
             ..BakeSettings::default()
@@ -389,24 +389,24 @@ fn a_mended_bake_is_what_baking_all_of_it_gives() {
         let go_on = &mut |_, _| ControlFlow::Continue(());
         bake(&gpu(), scene, planes, settings, go_on).unwrap()
     };
-    let before = whole(&old, generate(&old, &generated).unwrap());
+    let before = bake_all(&old, generate(&old, &generated).unwrap());
     let renewal = renew(&before, &old, &new, &generated).unwrap();
     let (planes, images) = renewal.counts();
     assert!(
         planes > 0 && images > 0 && images < renewal.drawn.len(),
         "{planes} {images}"
     );
-    let (mut lights_told, mut all) = (Vec::new(), 0);
-    let mended = mend(&gpu(), &new, &before, &renewal, &mut |done, of| {
-        lights_told.push(done);
+    let (mut reported_lights, mut all) = (Vec::new(), 0);
+    let repaired = mend(&gpu(), &new, &before, &renewal, &mut |done, of| {
+        reported_lights.push(done);
         all = of;
         ControlFlow::Continue(())
     });
-    let mended = mended.unwrap();
-    assert_eq!((lights_told.last(), all), (Some(&40), 40));
-    let fresh = whole(&new, renewal.planes.clone());
+    let repaired = repaired.unwrap();
+    assert_eq!((reported_lights.last(), all), (Some(&40), 40));
+    let fresh = bake_all(&new, renewal.planes.clone());
     assert_eq!(
-        (&mended.planes, &mended.receivers),
+        (&repaired.planes, &repaired.receivers),
         (&fresh.planes, &fresh.receivers)
     );
     let stored = |bake: &Bake, image: Image| match image {
@@ -415,10 +415,10 @@ fn a_mended_bake_is_what_baking_all_of_it_gives() {
         Image::White => vec![0],
     };
     let mut off = 0;
-    for (a, b) in mended.images.iter().zip(&fresh.images) {
+    for (a, b) in repaired.images.iter().zip(&fresh.images) {
         for (a, b) in [(a.past_all, b.past_all), (a.past_phantoms, b.past_phantoms)] {
-            let (a, b) = (stored(&mended, a), stored(&fresh, b));
-            // Maps are laid around all casters: an edge may fall into another of their texels.
+            let (a, b) = (stored(&repaired, a), stored(&fresh, b));
+            // Maps are fitted to all casters: an edge may fall into another of their texels.
             let differ = a.iter().zip(&b).filter(|(a, b)| a.abs_diff(**b) > 40);
             assert!(
                 a.len() == b.len() && differ.count() <= 12,
@@ -430,9 +430,9 @@ fn a_mended_bake_is_what_baking_all_of_it_gives() {
         }
     }
     assert!(
-        off * 4 < mended.images.len(),
+        off * 4 < repaired.images.len(),
         "{off} of {}",
-        mended.images.len()
+        repaired.images.len()
     );
     let stopped = mend(&gpu(), &new, &before, &renewal, &mut |_, _| {
         ControlFlow::Break(())
@@ -441,7 +441,7 @@ fn a_mended_bake_is_what_baking_all_of_it_gives() {
 }
 
 #[test]
-fn six_lights_and_all_lights_shade_alike_on_the_whole() {
+fn six_lights_and_all_lights_shade_similarly_on_average() {
     let stage = stage_with(&sky()).without_ground();
     let planes = planes().split_off(1);
     let mut ours = compositor(&stage, planes);

@@ -5,7 +5,7 @@ use penumbra_compositor::PresentPass;
 use penumbra_picture::Picture;
 use wgpu::{TextureFormat, TextureUsages};
 
-/// What a surface of `format` and size shows of `picture`, as the bytes in it.
+/// Presents `picture` on a surface of this format and size, and returns the surface's bytes.
 fn presented(picture: &Picture, format: TextureFormat, (width, height): (u32, u32)) -> Picture {
     let mut stage = Stage::new(picture.width, picture.height);
     stage.picture = picture.clone();
@@ -73,7 +73,7 @@ fn read(mut encoder: wgpu::CommandEncoder, texture: &wgpu::Texture) -> Picture {
 }
 
 #[test]
-fn a_surface_of_the_pictures_size_shows_its_codes() {
+fn surface_of_the_pictures_size_shows_its_codes() {
     let picture = noise(40, 30);
     for format in [TextureFormat::Rgba8Unorm, TextureFormat::Rgba8UnormSrgb] {
         let shown = presented(&picture, format, (40, 30));
@@ -85,9 +85,9 @@ fn a_surface_of_the_pictures_size_shows_its_codes() {
 }
 
 #[test]
-fn what_the_picture_does_not_fill_is_black() {
+fn borders_around_the_picture_are_black() {
     let picture = crate::stage::flat(40, 30, [200, 100, 50]);
-    // Twice as large, and 20 pixels more on either side.
+    // Scaled by two, with borders of 20 pixels on two sides.
     let wide = presented(&picture, TextureFormat::Rgba8Unorm, (120, 60));
     let tall = presented(&picture, TextureFormat::Rgba8Unorm, (80, 100));
     for y in 0..60 {

@@ -1,4 +1,4 @@
-//! Edges of the real scene, which proxies and poses put a little aside.
+//! Edges of the real scene whose proxies are slightly displaced.
 
 use crate::stage::{Stage, cell, lighting, looking_from, part, sun};
 use glam::{DVec3, Vec3};
@@ -7,9 +7,9 @@ use penumbra_scene::primitives;
 const SUN: f32 = 2.0;
 const SKY: f32 = 1.0;
 
-/// A wall whose real shadow ends along a line, inside of a virtual slab's shadow, seen from
-/// above; the picture shows that line `aside` pixels from where the wall's proxy has it.
-fn stage(aside: i32) -> Stage {
+/// A wall whose real shadow ends along a line inside a virtual slab's shadow, seen from above; in
+/// the picture that line is displaced by `offset` pixels from the shadow of the wall's proxy.
+fn stage(offset: i32) -> Stage {
     let mut stage = Stage::new(128, 96)
         .with_phantom(part(
             primitives::cuboid(Vec3::new(0.1, 0.8, 0.1)),
@@ -30,7 +30,7 @@ fn stage(aside: i32) -> Stage {
     let lit = stage.response.linear_from_code()[180];
     let shadowed = stage.response.code_from_linear(lit * in_shadow());
     // The wall's shadow ends at x = -0.1 m.
-    let edge = pixel(&stage, -0.1) + aside;
+    let edge = pixel(&stage, -0.1) + offset;
     for y in 0..96 {
         for x in 0..edge.max(0) {
             let i = 4 * (y * 128 + x as usize);
@@ -54,9 +54,9 @@ fn pixel(stage: &Stage, x: f64) -> i32 {
 }
 
 #[test]
-fn a_real_shadow_inside_a_virtual_one_leaves_no_line_where_its_proxy_is_a_little_off() {
-    for aside in [-2, 0, 2] {
-        let stage = stage(aside);
+fn displaced_real_shadow_inside_a_virtual_one_leaves_no_line() {
+    for offset in [-2, 0, 2] {
+        let stage = stage(offset);
         let expected = stage.picture.rgb(pixel(&stage, -0.15) as u32, 48)[0];
         let ours = stage.compose();
         for x in pixel(&stage, -0.16)..pixel(&stage, -0.03) {
@@ -65,7 +65,7 @@ fn a_real_shadow_inside_a_virtual_one_leaves_no_line_where_its_proxy_is_a_little
                 let off = code.abs_diff(expected);
                 assert!(
                     off <= 3,
-                    "{aside}: ({x}, {y}): {code} instead of {expected}"
+                    "{offset}: ({x}, {y}): {code} instead of {expected}"
                 );
             }
         }

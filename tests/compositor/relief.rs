@@ -1,5 +1,5 @@
-//! What lamps make of small bumps that no proxy knows: a drawn height field in known light,
-//! against its truth under the lamp.
+//! The light of lamps on small bumps without a proxy: a synthetic height field in known light,
+//! compared with its ground truth under the lamp.
 //!
 //! `cargo test --test compositor relief -- --nocapture` prints the table.
 
@@ -14,10 +14,10 @@ use std::f32::consts::PI;
 const WIDTH: u32 = 128;
 const HEIGHT: u32 = 96;
 
-/// What the camera looks at.
+/// The surface in front of the camera.
 #[derive(Clone, Copy)]
 struct Bumps {
-    /// Reflectance of one square and of the next.
+    /// Reflectance of the squares of either colour.
     albedo: [f32; 2],
 }
 
@@ -62,7 +62,7 @@ fn points(stage: &Stage) -> Vec<DVec2> {
         .collect()
 }
 
-fn drawn(stage: &Stage, bumps: Bumps, lights: &[DomeLight]) -> Picture {
+fn rendered(stage: &Stage, bumps: Bumps, lights: &[DomeLight]) -> Picture {
     let codes = |p: &DVec2| {
         let light = bumps.shown(p.x, p.y, lights).to_array();
         let [r, g, b] = light.map(|v| stage.response.code_from_linear(v));
@@ -81,16 +81,16 @@ fn towards(azimuth: f32, height: f32) -> Vec3 {
     Vec3::new(out * cos, out * sin, up)
 }
 
-/// How well what is added agrees with the truth.
+/// Agreement of the added light with the ground truth.
 #[derive(Clone, Copy, Debug)]
-struct Judged {
-    /// Correlation, place by place.
+struct Agreement {
+    /// Correlation over all pixels.
     correlation: f64,
-    /// Root of the mean square error, as a share of the truth's mean.
+    /// Root mean square error, as a fraction of the ground truth's mean.
     error: f64,
 }
 
-fn judged(added: &[f64], truth: &[f64]) -> Judged {
+fn agreement(added: &[f64], truth: &[f64]) -> Agreement {
     let count = truth.len() as f64;
     let mean = |v: &[f64]| v.iter().sum::<f64>() / count;
     let (a, t) = (mean(added), mean(truth));
@@ -102,7 +102,7 @@ fn judged(added: &[f64], truth: &[f64]) -> Judged {
             / count
     };
     let (aa, tt) = (product(added, added, a, a), product(truth, truth, t, t));
-    Judged {
+    Agreement {
         correlation: product(added, truth, a, t) / (aa * tt).sqrt().max(1e-12),
         error: (product(added, added, 0.0, 0.0) - 2.0 * product(added, truth, 0.0, 0.0)
             + product(truth, truth, 0.0, 0.0))
@@ -111,10 +111,11 @@ fn judged(added: &[f64], truth: &[f64]) -> Judged {
     }
 }
 
-/// How high light stands above the horizon, degrees: so that opposite lights nearly oppose.
-const HIGH: f32 = 25.0;
+/// Elevation of the lights above the horizon, degrees; low, so that opposite lights are nearly
+/// antiparallel.
+const ELEVATION: f32 = 25.0;
 
-/// Both surfaces reflect this much on average, which is all that the proxy knows.
+/// Mean reflectance of both surfaces, which is all that the proxy contains.
 const MEAN: f32 = 0.5;
 
 /// The flat proxy, from above.
@@ -125,18 +126,18 @@ fn table() -> Stage {
     stage
 }
 
-/// Flat blending, the paper's response and the intrinsic one, for a lamp `azimuth` degrees
-/// beside the sun.
-fn responses(on: &mut Compositor, bumps: Bumps, azimuth: f32, sky: f32) -> [Judged; 3] {
-    let mut lights = vec![sun(towards(0.0, HIGH), Vec3::splat(3.0))];
+/// Agreement of flat blending, the paper's response and the intrinsic response, for a lamp
+/// `azimuth` degrees from the sun.
+fn responses(on: &mut Compositor, bumps: Bumps, azimuth: f32, sky: f32) -> [Agreement; 3] {
+    let mut lights = vec![sun(towards(0.0, ELEVATION), Vec3::splat(3.0))];
     if sky > 0.0 {
         lights.push(cell(Vec3::Z, Vec3::splat(sky)));
     }
     let mut stage = table().lit(lighting(lights.clone(), 0.0));
-    stage.picture = drawn(&stage, bumps, &lights);
-    let to = towards(azimuth, HIGH);
+    stage.picture = rendered(&stage, bumps, &lights);
+    let to = towards(azimuth, ELEVATION);
     let strength = 1.0;
-    // Far away: the same light everywhere.
+    // Distant: the same irradiance everywhere.
     stage.lamps = vec![PlacedLamp {
         position: to * 100.0,
         direction: -to,
@@ -165,7 +166,7 @@ fn responses(on: &mut Compositor, bumps: Bumps, azimuth: f32, sky: f32) -> [Judg
         stage.brightest = brightest;
         let after = green(&stage.compose_with(on));
         let added: Vec<f64> = after.iter().zip(&before).map(|(a, b)| a - b).collect();
-        judged(&added, &truth)
+        agreement(&added, &truth)
     })
 }
 
@@ -175,7 +176,7 @@ const CHEQUERED: Bumps = Bumps {
 };
 
 #[test]
-fn the_papers_relief_is_right_beside_and_opposite_to_the_sun() {
+fn papers_response_reproduces_relief_beside_and_opposite_to_the_sun() {
     let on = &mut table().compositor();
     println!("| surface | sky | lamp beside the sun | flat | paper | intrinsic |");
     println!("|---|---|---|---|---|---|");
@@ -190,21 +191,21 @@ fn the_papers_relief_is_right_beside_and_opposite_to_the_sun() {
     }
     for sky in [0.0, 0.6] {
         let [flat, paper, intrinsic] = responses(on, PLAIN, 0.0, sky);
-        // Bumps on a flat proxy: blending knows none.
+        // The proxy is flat: blending adds no relief.
         assert!(flat.correlation.abs() < 0.1, "{flat:?}");
         assert!(paper.correlation > 0.95 && intrinsic.correlation > 0.95);
         assert!(intrinsic.error < 0.5 * flat.error, "{intrinsic:?} {flat:?}");
         let [flat, paper, intrinsic] = responses(on, PLAIN, 180.0, sky);
         assert!(flat.correlation.abs() < 0.1, "{flat:?}");
         assert!(paper.correlation > 0.8, "{paper:?}");
-        // Multiplied, the relief stays lit from the sun's side.
+        // Multiplied, the relief remains lit from the sun's side.
         assert!(intrinsic.correlation < -0.8, "{intrinsic:?}");
     }
 }
 
-/// A picture does not tell paint from relief: inverted, dark squares shine.
+/// A picture does not distinguish paint from relief: inverted, dark squares become bright.
 #[test]
-fn on_paint_the_inverse_is_wrong_and_the_intrinsic_response_is_right() {
+fn intrinsic_response_is_correct_on_paint_and_the_inverse_is_not() {
     let on = &mut table().compositor();
     let [_, paper, intrinsic] = responses(on, CHEQUERED, 180.0, 0.6);
     assert!(paper.correlation < -0.1 && intrinsic.correlation > 0.1);

@@ -1,4 +1,4 @@
-//! A finished picture, turned to where it is seen from.
+//! Reprojection of a finished picture to the pose at which it is displayed.
 
 use crate::stage::{Stage, camera, flat, lighting, looking_from, matt, painted, spiral};
 use glam::{DQuat, DVec2, DVec3, Vec3};
@@ -19,7 +19,7 @@ fn lens(distortion: [f64; 5]) -> PinholeCamera {
     }
 }
 
-/// Waves of a dozen pixels painted on a wall at the eye's `depth`.
+/// Waves of a dozen pixels painted on a wall at `depth` from the eye.
 fn paint(p: DVec2) -> [u8; 3] {
     let wave = |along: f64| (127.0 + 90.0 * along.sin()).round() as u8;
     [
@@ -35,7 +35,7 @@ fn direction(camera: &PinholeCamera, pixel: DVec2) -> DVec2 {
     ray.truncate() / ray.z
 }
 
-/// What a camera sees of the wall, the eye being at `eye_from_camera⁻¹`.
+/// The camera's view of the wall; the camera's pose relative to the eye is `eye_from_camera`.
 fn seen(camera: &PinholeCamera, eye_from_camera: RigidTransform, depth: f64) -> Picture {
     let mut picture = flat(camera.width, camera.height, [0, 0, 0]);
     for (i, rgba) in picture.rgba.chunks_exact_mut(4).enumerate() {
@@ -48,8 +48,8 @@ fn seen(camera: &PinholeCamera, eye_from_camera: RigidTransform, depth: f64) -> 
     picture
 }
 
-/// Largest and mean difference of two pictures, where the first camera saw what is shown.
-fn apart(a: &Picture, b: &Picture, margin: u32) -> (u8, f64) {
+/// Maximum and mean difference of two pictures, without a margin.
+fn differences(a: &Picture, b: &Picture, margin: u32) -> (u8, f64) {
     let (mut worst, mut sum, mut count) = (0, 0.0, 0.0);
     for y in margin..a.height - margin {
         for x in margin..a.width - margin {
@@ -76,7 +76,7 @@ fn moved() -> Reprojection {
 }
 
 #[test]
-fn a_wall_looks_as_from_where_it_is_seen() {
+fn reprojected_wall_matches_the_view_from_the_eye() {
     let lenses = [
         [0.0; 5],
         [-0.28, 0.09, 0.004, -0.003, 0.0],
@@ -93,9 +93,11 @@ fn a_wall_looks_as_from_where_it_is_seen() {
         stage.reprojection = Some(reprojection);
         let out = stage.compose_with(&mut compositor);
         let truth = seen(&camera, RigidTransform::IDENTITY, reprojection.depth);
-        let (worst, mean) = apart(&out, &truth, 30);
-        let (_, before) = apart(&stage.picture, &truth, 30);
-        println!("{distortion:?}: worst {worst}, mean {mean:.2} codes; unturned {before:.1}");
+        let (worst, mean) = differences(&out, &truth, 30);
+        let (_, before) = differences(&stage.picture, &truth, 30);
+        println!(
+            "{distortion:?}: worst {worst}, mean {mean:.2} codes; not reprojected {before:.1}"
+        );
         assert!(worst <= 4 && mean < 0.6, "{distortion:?}: {worst}, {mean}");
         assert!(before > 20.0, "{before}");
         // Without reprojection the picture is the camera's again, bit for bit.
@@ -104,10 +106,10 @@ fn a_wall_looks_as_from_where_it_is_seen() {
     }
 }
 
-/// What is drawn in the camera's picture goes with it: a virtual thing on the wall lies where a
-/// camera at the eye would draw it.
+/// Virtual objects are reprojected with the picture: an object on the wall appears where a camera
+/// at the eye would draw it.
 #[test]
-fn virtual_things_go_with_the_picture() {
+fn virtual_objects_are_reprojected_with_the_picture() {
     let reprojection = moved();
     let eye = looking_from(DVec3::new(0.0, 0.0, reprojection.depth), DVec3::ZERO);
     let plate = |at: DVec3| {
@@ -125,20 +127,20 @@ fn virtual_things_go_with_the_picture() {
     stage.picture = flat(SIZE.0, SIZE.1, [40, 60, 50]);
     stage.pose = Some(eye * reprojection.camera_from_eye.inverse());
     let mut compositor = stage.compositor();
-    for wanted in [LensOutput::Camera, LensOutput::Undistorted] {
-        compositor.set_lens_output(wanted);
+    for lens_output in [LensOutput::Camera, LensOutput::Undistorted] {
+        compositor.set_lens_output(lens_output);
         stage.reprojection = Some(reprojection);
         let out = stage.compose_with(&mut compositor);
         stage.reprojection = None;
-        let unturned = stage.compose_with(&mut compositor);
+        let original = stage.compose_with(&mut compositor);
         let there = Stage {
             pose: Some(eye),
             ..stage.clone()
         };
         let truth = there.compose_with(&mut compositor);
-        let (_, mean) = apart(&out, &truth, 30);
-        let (_, before) = apart(&unturned, &truth, 30);
-        println!("{wanted:?}: mean {mean:.3} codes, unturned {before:.3}");
+        let (_, mean) = differences(&out, &truth, 30);
+        let (_, before) = differences(&original, &truth, 30);
+        println!("{lens_output:?}: mean {mean:.3} codes, not reprojected {before:.3}");
         assert!(mean < 0.15 * before, "{mean} of {before}");
     }
 }

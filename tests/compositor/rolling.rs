@@ -1,4 +1,4 @@
-//! Virtual objects under a rolling shutter: they lean as the real ones do.
+//! Virtual objects under a rolling shutter: they are skewed like the real ones.
 
 use crate::soft_dots;
 use crate::stage::{Stage, flat, lighting, looking_from, spiral};
@@ -7,7 +7,7 @@ use penumbra_camera::{PinholeCamera, RollingShutter};
 use penumbra_interface::RigidTransform;
 
 const SIZE: (u32, u32) = (320, 240);
-/// Seconds from one row to the next.
+/// Seconds between successive rows.
 const ROW: f64 = 60e-6;
 
 fn camera(distortion: [f64; 5]) -> PinholeCamera {
@@ -20,7 +20,7 @@ fn camera(distortion: [f64; 5]) -> PinholeCamera {
     }
 }
 
-/// The camera at so many seconds from the middle row: a metre above a table, moved by hand.
+/// The camera's pose `seconds` after the middle row: a metre above a table, moved by hand.
 fn pose(seconds: f64) -> RigidTransform {
     let still = looking_from(DVec3::Z, DVec3::ZERO);
     RigidTransform::new(
@@ -29,8 +29,8 @@ fn pose(seconds: f64) -> RigidTransform {
     )
 }
 
-/// Where a point of the world is seen: by the row that is read when it is seen there, the
-/// camera's pose taken at that row's own time.
+/// Position of a point of the world in the picture: seen by the row in which it appears, with the
+/// camera's pose at that row's own time.
 fn seen(camera: &PinholeCamera, world: DVec3, row_seconds: f64) -> DVec2 {
     let mut pixel = DVec2::ZERO;
     let mut seconds = 0.0;
@@ -42,8 +42,8 @@ fn seen(camera: &PinholeCamera, world: DVec3, row_seconds: f64) -> DVec2 {
     pixel
 }
 
-/// Root mean square and worst of 25 dots' distances from where they are to be seen, pixels.
-fn off(distortion: [f64; 5], moves: bool, rolling: bool) -> (f64, f64) {
+/// Root mean square and maximum error of 25 dots' positions, pixels.
+fn dot_errors(distortion: [f64; 5], moves: bool, rolling: bool) -> (f64, f64) {
     const SIDE: f64 = 0.04;
     let camera = camera(distortion);
     let mut stage = Stage::new(SIZE.0, SIZE.1).without_ground();
@@ -52,28 +52,28 @@ fn off(distortion: [f64; 5], moves: bool, rolling: bool) -> (f64, f64) {
     stage.picture = flat(SIZE.0, SIZE.1, [0, 0, 0]);
     let mut stage = stage.lit(lighting(spiral(8, 2.0), 0.5));
     let grid = (-2..=2).flat_map(|j| (-2..=2).map(move |i| (i, j)));
-    let places: Vec<DVec3> = grid
+    let positions: Vec<DVec3> = grid
         .map(|(i, j)| DVec3::new(0.18 * f64::from(i), 0.135 * f64::from(j), 0.1))
         .collect();
-    for place in &places {
-        stage = stage.with_virtual(soft_dots::dot(SIDE, *place));
+    for position in &positions {
+        stage = stage.with_virtual(soft_dots::dot(SIDE, *position));
     }
     let mut compositor = stage.compositor();
     let motion = RollingShutter::between(&pose(-0.01), &pose(0.01), 0.02, ROW);
     stage.rolling_shutter = motion.filter(|_| rolling);
     let out = stage.compose_with(&mut compositor);
     let row = if moves { ROW } else { 0.0 };
-    let distance = |place: &DVec3| {
-        let truth = soft_dots::truth(SIDE, *place, |world| seen(&camera, world, row));
+    let distance = |position: &DVec3| {
+        let truth = soft_dots::truth(SIDE, *position, |world| seen(&camera, world, row));
         soft_dots::found(&out, truth, 12).distance(truth)
     };
-    soft_dots::rms_and_worst(&places.iter().map(distance).collect::<Vec<_>>())
+    soft_dots::rms_and_worst(&positions.iter().map(distance).collect::<Vec<_>>())
 }
 
-fn lean_as_the_shutter_says(distortion: [f64; 5]) {
-    let (_, baseline) = off(distortion, false, false);
-    let (_, before) = off(distortion, true, false);
-    let (rms, after) = off(distortion, true, true);
+fn assert_skewed_by_the_shutter(distortion: [f64; 5]) {
+    let (_, baseline) = dot_errors(distortion, false, false);
+    let (_, before) = dot_errors(distortion, true, false);
+    let (rms, after) = dot_errors(distortion, true, true);
     println!(
         "{distortion:?}: worst of 25 dots {baseline:.3} px at rest; moved {before:.2} px without, \
          {after:.3} px with ({rms:.3} px root mean square)"
@@ -83,17 +83,17 @@ fn lean_as_the_shutter_says(distortion: [f64; 5]) {
 }
 
 #[test]
-fn objects_lean_as_the_shutter_says() {
-    lean_as_the_shutter_says([0.0; 5]);
+fn objects_are_skewed_by_the_shutter() {
+    assert_skewed_by_the_shutter([0.0; 5]);
 }
 
 #[test]
-fn they_do_behind_lenses_that_bend() {
+fn objects_are_skewed_behind_distorting_lenses() {
     for distortion in [
         [-0.25, 0.07, 0.001, 0.0, 0.0],
         [-0.45, 0.35, -0.001, 0.002, -0.08],
         [0.25, 0.0, -0.002, 0.001, 0.03],
     ] {
-        lean_as_the_shutter_says(distortion);
+        assert_skewed_by_the_shutter(distortion);
     }
 }

@@ -1,7 +1,7 @@
-//! What is chosen before the first frame or from frame to frame: coarse shadows, how many
-//! maps are drawn, how many lights there are.
+//! Settings made before the first frame or between frames: coarse shadows, the number of maps that
+//! are drawn per frame, the number of lights.
 
-use crate::judge::{Rule, assert_like, difference};
+use crate::comparison::{Rule, assert_like, difference};
 use crate::stage::{Stage, cell, lighting, part, spiral, sun};
 use glam::{DVec3, Vec3};
 use penumbra_compositor::Refresh;
@@ -15,21 +15,21 @@ fn cube(side: f32, at: DVec3) -> Part {
 }
 
 #[test]
-fn one_map_a_frame_ends_in_the_same_picture() {
+fn one_map_per_frame_converges_to_the_same_picture() {
     let mut stage = Stage::new(96, 72)
         .with_virtual(cube(0.1, DVec3::ZERO))
         .lit(lighting(spiral(8, 2.0), 0.2));
     stage.refresh = Refresh::UpTo(1);
     let mut compositor = stage.compositor();
     let before = stage.compose_with(&mut compositor);
-    let turned: Vec<_> = spiral(8, 2.0)
+    let rotated: Vec<_> = spiral(8, 2.0)
         .into_iter()
         .map(|l| DomeLight {
             direction: glam::Quat::from_rotation_z(0.5) * l.direction,
             ..l
         })
         .collect();
-    let stage = stage.lit(lighting(turned, 0.2));
+    let stage = stage.lit(lighting(rotated, 0.2));
     let frames: Vec<_> = (0..8)
         .map(|_| {
             let picture = stage.compose_with(&mut compositor);
@@ -40,11 +40,11 @@ fn one_map_a_frame_ends_in_the_same_picture() {
     assert!(frames[0] != frames[7] && before != frames[7]);
     assert_eq!(difference(&frames[7], &stage.compose()), (0, 0.0));
     stage.compose_with(&mut compositor);
-    assert_eq!(compositor.maps_refreshed(), 0, "nothing moves any more");
+    assert_eq!(compositor.maps_refreshed(), 0, "nothing has moved");
 }
 
 #[test]
-fn the_same_input_gives_the_same_bytes() {
+fn same_input_gives_the_same_bytes() {
     let stage = Stage::new(101, 67)
         .with_virtual(cube(0.1, DVec3::ZERO))
         .lit(lighting(spiral(8, 2.0), 0.2));
@@ -74,8 +74,8 @@ fn coarse_shadows_differ_from_fine_ones_at_edges_only() {
 
 #[test]
 fn coarse_shadows_do_not_bleed_over_steps() {
-    // A low sun from the right, a virtual wall outside the picture: the table lies in its
-    // shadow, a real step in front rises above it.
+    // A low sun from the right and a virtual wall outside the picture, whose shadow covers the
+    // table; a real step in front rises above the shadow.
     let lights = vec![
         sun(Vec3::new(1.0, 0.0, 0.04), Vec3::splat(20.0)),
         cell(Vec3::Z, Vec3::ONE),
@@ -84,7 +84,7 @@ fn coarse_shadows_do_not_bleed_over_steps() {
         primitives::cuboid(Vec3::new(0.02, 8.0, 0.08)),
         DVec3::new(0.45, 0.0, 0.0),
     );
-    // The step's edge lies now in an even row of the picture, now in an odd one.
+    // The step's edge lies in an even or an odd row of the picture.
     for back in [0.0, 0.003, 0.006, 0.009] {
         let step = primitives::cuboid(Vec3::new(3.0, 1.0, 0.1));
         let mut stage = Stage::new(96, 72)
@@ -122,7 +122,7 @@ fn every_light_budget_works() {
         pictures.push(stage.compose_with(&mut compositor));
         assert_eq!(compositor.maps_refreshed(), budget);
     }
-    // The more lights, the nearer to one and the same soft shadow.
+    // With more lights the picture converges to a single soft shadow.
     let last = pictures.last().unwrap();
     let off: Vec<f64> = pictures.iter().map(|p| difference(p, last).1).collect();
     assert!(off[0] > off[4] && off[4] < 2.0, "{off:?}");

@@ -1,6 +1,6 @@
-//! Shadows on real surfaces, against the twin and against closed forms.
+//! Shadows on real surfaces, against the twin and closed forms.
 
-use crate::judge::{Rule, assert_like, assert_same_where, away_from_edges, untouched};
+use crate::comparison::{Rule, assert_like, assert_same_where, away_from_edges, untouched};
 use crate::stage::{Stage, cell, flat, lighting, looking_from, part, spiral, sun};
 use glam::{DMat4, DVec3, Vec3};
 use penumbra_camera::Response;
@@ -17,24 +17,24 @@ fn cube(side: f32, at: DVec3) -> Part {
     part(primitives::cuboid(Vec3::splat(side)), at)
 }
 
-fn slanting_sun() -> DomeLight {
+fn slanted_sun() -> DomeLight {
     sun(Vec3::new(-0.6, 0.5, 1.0), Vec3::new(2.0, 1.8, 1.5))
 }
 
-/// A virtual box on the table under the sun and an even sky from straight above.
+/// A virtual box on the table under the sun and a uniform sky light from straight above.
 fn sunny_box() -> Stage {
-    let lights = vec![slanting_sun(), cell(Vec3::Z, Vec3::new(0.8, 0.9, 1.0))];
+    let lights = vec![slanted_sun(), cell(Vec3::Z, Vec3::new(0.8, 0.9, 1.0))];
     Stage::new(128, 96)
         .with_virtual(cube(0.1, DVec3::ZERO))
         .lit(lighting(lights, 0.0))
 }
 
 #[test]
-fn in_the_umbra_of_one_light_the_others_remain() {
+fn other_lights_remain_in_the_umbra_of_one() {
     let stage = sunny_box();
     let (twin, ours) = (stage.twin(), stage.compose());
     assert_like("sunny-box", &ours, &twin, Rule::within(2));
-    // The box floats on nothing: only the sun's shadow is on the table.
+    // The sky light comes from straight above, so that only the sun's shadow is on the table.
     let lights = &stage.lighting.as_ref().unwrap().lights;
     let (from_sun, rest) = (
         lights[0].irradiance * lights[0].direction.z,
@@ -63,7 +63,7 @@ fn ours_at(picture: &Picture, i: usize) -> [u8; 3] {
 }
 
 #[test]
-fn light_of_one_colour_leaves_the_others_alone() {
+fn shadow_of_red_light_changes_only_red() {
     let mut stage = Stage::new(96, 72)
         .with_virtual(cube(0.1, DVec3::ZERO))
         .lit(lighting(
@@ -86,7 +86,7 @@ fn light_of_one_colour_leaves_the_others_alone() {
 }
 
 #[test]
-fn many_lights_agree_with_the_twin() {
+fn many_lights_match_the_twin() {
     // 130 lights share the 64 bits of a tile's mask.
     for (count, mode) in [
         (16, ShadowMode::Ratio),
@@ -111,7 +111,7 @@ fn many_lights_agree_with_the_twin() {
 }
 
 #[test]
-fn things_partly_outside_the_picture_cast_into_it() {
+fn objects_partly_outside_the_picture_cast_shadows_into_it() {
     let mut stage = Stage::new(101, 67)
         .with_virtual(cube(0.2, DVec3::new(0.35, 0.0, 0.0)))
         .with_virtual(cube(0.1, DVec3::new(0.0, -0.5, 0.3)))
@@ -135,8 +135,8 @@ fn things_partly_outside_the_picture_cast_into_it() {
 }
 
 #[test]
-fn half_a_sky_behind_a_wall_is_half_the_light() {
-    // The lights of the grid lie symmetric about every axis.
+fn wall_that_hides_half_the_sky_halves_the_light() {
+    // The lights of the grid are symmetric about every axis.
     let fine = CubeGrid::new(32);
     let texels = vec![Vec3::ONE; fine.directions.len()];
     let lights = DomeGrid::new(64, true, &fine).lights(&texels, &fine);
@@ -157,9 +157,9 @@ fn half_a_sky_behind_a_wall_is_half_the_light() {
     assert!(bottom.iter().all(|c| c.abs_diff(137) <= 2), "{bottom:?}");
 }
 
-/// A small disc high above hides the zenith from the point below it, and nothing else.
+/// A small disc high above hides only the zenith from the point below it.
 #[test]
-fn an_even_sky_lights_the_ground_with_pi_times_its_radiance() {
+fn uniform_sky_lights_the_ground_with_pi_times_its_radiance() {
     let fine = CubeGrid::new(32);
     let texels = vec![Vec3::splat(0.4); fine.directions.len()];
     for budget in [64, 96, 384] {
@@ -185,7 +185,7 @@ fn an_even_sky_lights_the_ground_with_pi_times_its_radiance() {
 }
 
 #[test]
-fn the_shadows_of_all_lights_are_the_sum_of_each_lights() {
+fn shadows_of_several_lights_add_up() {
     let lights: Vec<_> = [
         Vec3::new(-0.6, 0.5, 1.0),
         Vec3::new(0.7, 0.2, 0.9),
@@ -223,8 +223,8 @@ fn the_shadows_of_all_lights_are_the_sum_of_each_lights() {
 }
 
 #[test]
-fn no_shadow_is_taken_where_a_real_thing_casts_one_already() {
-    // A real box keeps the sun away; a virtual one stands in its shadow.
+fn virtual_shadow_is_not_applied_inside_a_real_one() {
+    // A real box blocks the sun; a virtual one stands in its shadow.
     let mut stage = Stage::new(128, 96)
         .with_phantom(part(
             primitives::cuboid(Vec3::new(0.4, 0.05, 0.4)),
@@ -243,7 +243,7 @@ fn no_shadow_is_taken_where_a_real_thing_casts_one_already() {
             .all(|p| p.untouched || p.seen == Seen::Virtual)
     );
     assert_same_where("double-shadow", &stage.compose(), &stage.picture, &real);
-    // With an even sky there is a shadow again, of the sky's light only.
+    // With sky lights there is a shadow again, of the sky light alone.
     let lights = vec![
         sun(Vec3::new(0.0, 0.7, 0.7), Vec3::ONE),
         cell(Vec3::new(0.2, -0.4, 1.0).normalize(), Vec3::splat(0.5)),
@@ -260,7 +260,7 @@ fn no_shadow_is_taken_where_a_real_thing_casts_one_already() {
 }
 
 #[test]
-fn a_virtual_thing_above_a_real_one_shades_its_top_and_not_the_table_below() {
+fn virtual_object_above_a_real_one_shades_only_its_top() {
     let stage = Stage::new(128, 96)
         .with_phantom(cube(0.12, DVec3::ZERO))
         .with_virtual(cube(0.04, DVec3::new(0.0, 0.0, 0.18)))
@@ -276,7 +276,7 @@ fn a_virtual_thing_above_a_real_one_shades_its_top_and_not_the_table_below() {
 }
 
 #[test]
-fn a_slanting_real_surface_gets_its_share() {
+fn slanted_real_surface_matches_the_twin() {
     let mut ramp = part(primitives::plane(0.6, 0.6), DVec3::ZERO);
     ramp.world_from_part = DMat4::from_rotation_y(0.5) * DMat4::from_rotation_x(0.2);
     let mut stage = Stage::new(96, 72)

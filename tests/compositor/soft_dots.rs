@@ -1,5 +1,5 @@
-//! Dots whose middle a picture tells to a hundredth of a pixel: they shine most in the middle and
-//! fade to nothing, so that neither the few samples of a pixel nor codes of eight bits move it.
+//! Dots whose centre can be measured to a hundredth of a pixel: they are brightest in the centre
+//! and fade to zero, so that neither the few samples of a pixel nor 8-bit codes shift it.
 
 use crate::stage::painted;
 use glam::{DMat4, DVec2, DVec3, Vec3, Vec4};
@@ -9,21 +9,22 @@ use penumbra_scene::{Material, Part, SceneTexture, primitives};
 use std::f64::consts::PI;
 use std::sync::Arc;
 
-/// Turn of a dot's square about its middle.
-const TURN: f64 = 0.3;
+/// Rotation of a dot's square about its centre, radians.
+const ROTATION: f64 = 0.3;
 
-/// Light at a place of a dot's square (−1 to 1): half a wave, nothing at the rim.
+/// Light at a position in a dot's square (−1 to 1): half a cosine wave, zero at the rim.
 fn profile(p: DVec2) -> f64 {
     0.5 + 0.5 * (PI * p.length().min(1.0)).cos()
 }
 
-/// A dot's light, as a texture.
+/// The light of a dot as a texture.
 fn light() -> Arc<SceneTexture> {
-    // Larger than pixels: no mip of it is used.
+    // Texels are larger than pixels, so that no mip level is used.
     const TEXELS: u32 = 8;
     let response = Response::srgb();
-    let places = (0..TEXELS * TEXELS).map(|i| DVec2::new((i % TEXELS).into(), (i / TEXELS).into()));
-    let codes = places.map(|p| {
+    let positions =
+        (0..TEXELS * TEXELS).map(|i| DVec2::new((i % TEXELS).into(), (i / TEXELS).into()));
+    let codes = positions.map(|p| {
         let shown = profile((p + 0.5) / f64::from(TEXELS) * 2.0 - 1.0);
         (response.encoded_from_linear(shown as f32) * 255.0).round() as u8
     });
@@ -34,7 +35,7 @@ fn light() -> Arc<SceneTexture> {
     })
 }
 
-/// A dot that faces up, of so many metres across, at a place of the world.
+/// A dot facing up, `side` metres wide, at a position in the world.
 pub fn dot(side: f64, at: DVec3) -> Part {
     let shining = Material {
         base_colour: Vec4::new(0.0, 0.0, 0.0, 1.0),
@@ -44,17 +45,18 @@ pub fn dot(side: f64, at: DVec3) -> Part {
         ..Material::default()
     };
     let mut part = painted(primitives::plane(side as f32, side as f32), at, shining);
-    part.world_from_part *= DMat4::from_rotation_z(TURN);
+    part.world_from_part *= DMat4::from_rotation_z(ROTATION);
     part
 }
 
-/// Where the middle of a dot's light lies in the picture, `seen` being where a point of the world
-/// does: its cells' middles, each by its light and the area of its picture.
+/// Centre of a dot's light in the picture, where `seen` projects a point of the world: the mean of
+/// its cells' centres, weighted by their light and projected area.
 pub fn truth(side: f64, at: DVec3, seen: impl Fn(DVec3) -> DVec2) -> DVec2 {
     const CELLS: usize = 16;
-    let place = |i: usize| 2.0 * i as f64 / CELLS as f64 - 1.0;
+    let position = |i: usize| 2.0 * i as f64 / CELLS as f64 - 1.0;
     let corner = |i: usize, j: usize| {
-        let off = DVec2::from_angle(TURN).rotate(DVec2::new(place(i), place(j)) * 0.5 * side);
+        let off =
+            DVec2::from_angle(ROTATION).rotate(DVec2::new(position(i), position(j)) * 0.5 * side);
         seen(at + off.extend(0.0))
     };
     let corners: Vec<DVec2> = (0..=CELLS)
@@ -66,15 +68,15 @@ pub fn truth(side: f64, at: DVec3, seen: impl Fn(DVec3) -> DVec2) -> DVec2 {
         let at = |i: usize, j: usize| corners[j * (CELLS + 1) + i];
         let [a, b, c, d] = [at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)];
         let area = 0.5 * (c - a).perp_dot(d - b).abs();
-        let middle = DVec2::new(place(i), place(j)) + 1.0 / CELLS as f64;
-        let shown = area * profile(middle);
+        let centre = DVec2::new(position(i), position(j)) + 1.0 / CELLS as f64;
+        let shown = area * profile(centre);
         sum += (a + b + c + d) * 0.25 * shown;
         weight += shown;
     }
     sum / weight
 }
 
-/// The middle of the light within so many pixels of a place.
+/// Centroid of the light within `reach` pixels of `near`.
 pub fn found(picture: &Picture, near: DVec2, reach: i64) -> DVec2 {
     let response = Response::srgb();
     let linear = response.linear_from_code();
@@ -92,7 +94,7 @@ pub fn found(picture: &Picture, near: DVec2, reach: i64) -> DVec2 {
     sum / weight
 }
 
-/// Root mean square and largest of some distances.
+/// Root mean square and maximum of errors.
 pub fn rms_and_worst(off: &[f64]) -> (f64, f64) {
     let squares: f64 = off.iter().map(|o| o * o).sum();
     let worst = off.iter().copied().fold(0.0, f64::max);

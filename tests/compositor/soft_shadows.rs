@@ -1,6 +1,6 @@
-//! Shadows of lights that have an extent, against the twin with many rays per light.
+//! Soft shadows of extended lights, against the twin with many rays per light.
 
-use crate::judge::{away_from_edges, keep, square_differences};
+use crate::comparison::{away_from_edges, keep, square_differences};
 use crate::stage::{Stage, lighting, matt, painted, part, sun};
 use glam::{DVec3, Vec3};
 use penumbra_compositor::reference::{ReferencePicture, Seen};
@@ -8,7 +8,7 @@ use penumbra_lighting::DomeLight;
 use penumbra_picture::Picture;
 use penumbra_scene::primitives;
 
-/// A lamp that one sees as a disc of `radius`, radians.
+/// A light whose disc has the angular radius `radius`, radians.
 fn lamp(direction: Vec3, irradiance: f32, radius: f32) -> DomeLight {
     DomeLight {
         angular_radius: radius,
@@ -29,10 +29,10 @@ fn stage() -> Stage {
     stage
 }
 
-fn judge(name: &str, stage: &Stage, on_virtual: bool, largest: f64, mean: f64) {
+fn assert_close(name: &str, stage: &Stage, on_virtual: bool, largest: f64, mean: f64) {
     let (ours, mut twin) = (stage.compose(), stage.soft_twin(64));
     if !on_virtual {
-        take_virtual_from(&ours, &mut twin);
+        replace_virtual(&ours, &mut twin);
     }
     let calm = away_from_edges(&twin, 2);
     let worst = (0..calm.len())
@@ -64,8 +64,8 @@ fn judge(name: &str, stage: &Stage, on_virtual: bool, largest: f64, mean: f64) {
     }
 }
 
-/// Light off the table close by is not in the twin.
-fn take_virtual_from(ours: &Picture, twin: &mut ReferencePicture) {
+/// The twin has no light that the nearby table reflects onto virtual surfaces.
+fn replace_virtual(ours: &Picture, twin: &mut ReferencePicture) {
     let near = |i: usize| twin.pixels[i].seen == Seen::Virtual;
     let width = ours.width as usize;
     let flags: Vec<bool> = (0..twin.pixels.len())
@@ -83,18 +83,18 @@ fn take_virtual_from(ours: &Picture, twin: &mut ReferencePicture) {
 }
 
 #[test]
-fn penumbrae_on_the_table_are_as_wide_as_the_lights_make_them() {
+fn penumbrae_on_the_table_match_the_twin() {
     let stage = stage()
         .with_virtual(part(primitives::cuboid(Vec3::splat(0.08)), DVec3::ZERO))
         .with_virtual(part(
             primitives::sphere(0.03, 32, 16),
             DVec3::new(0.1, 0.08, 0.12),
         ));
-    judge("soft-table", &stage, false, 3.5, 0.15);
+    assert_close("soft-table", &stage, false, 3.5, 0.15);
 }
 
 #[test]
-fn far_shadows_of_a_wide_light_are_wide() {
+fn distant_shadows_of_a_wide_light_match_the_twin() {
     let mut stage = stage()
         .with_virtual(part(
             primitives::cuboid(Vec3::new(0.1, 0.3, 0.02)),
@@ -111,22 +111,22 @@ fn far_shadows_of_a_wide_light_are_wide() {
         DVec3::new(0.05, -0.5, 0.4),
         DVec3::new(0.05, 0.0, 0.0),
     ));
-    judge("soft-wide", &stage, false, 4.0, 0.25);
+    assert_close("soft-wide", &stage, false, 4.0, 0.25);
 }
 
 #[test]
-fn real_penumbrae_and_virtual_ones_are_not_counted_twice() {
+fn overlapping_real_and_virtual_penumbrae_are_not_counted_twice() {
     let stage = stage()
         .with_virtual(part(primitives::cuboid(Vec3::splat(0.06)), DVec3::ZERO))
         .with_phantom(part(
             primitives::cuboid(Vec3::new(0.05, 0.05, 0.12)),
             DVec3::new(-0.08, 0.06, 0.0),
         ));
-    judge("soft-both", &stage, false, 1.5, 0.04);
+    assert_close("soft-both", &stage, false, 1.5, 0.04);
 }
 
 #[test]
-fn nothing_lies_in_its_own_soft_shadow() {
+fn no_surface_lies_in_its_own_soft_shadow() {
     let stage = stage()
         .without_ground()
         .with_virtual(part(
@@ -142,5 +142,5 @@ fn nothing_lies_in_its_own_soft_shadow() {
             primitives::cuboid(Vec3::splat(0.05)),
             DVec3::new(-0.09, 0.02, 0.02),
         ));
-    judge("soft-own", &stage, true, 8.0, 0.8);
+    assert_close("soft-own", &stage, true, 8.0, 0.8);
 }

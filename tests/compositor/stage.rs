@@ -1,4 +1,4 @@
-//! Small hand-built scenes under hand-built light, composed by the GPU and by the twin.
+//! Small synthetic scenes under synthetic light, composed by the GPU and by the twin.
 
 use glam::{DMat3, DMat4, DQuat, DVec2, DVec3, Vec3};
 use penumbra_camera::{PinholeCamera, Response, RollingShutter, Vignetting};
@@ -16,19 +16,19 @@ use penumbra_scene::{
 use std::f32::consts::PI;
 use std::sync::{Arc, OnceLock};
 
-/// The software driver, so that the pictures are the same everywhere;
-/// `PENUMBRA_TEST_ADAPTER` names another.
+/// The software driver, so that pictures are the same on all machines; `PENUMBRA_TEST_ADAPTER`
+/// selects another.
 pub fn gpu() -> Gpu {
     static GPU: OnceLock<Gpu> = OnceLock::new();
-    let wanted = std::env::var("PENUMBRA_TEST_ADAPTER").unwrap_or_else(|_| "llvmpipe".to_owned());
-    GPU.get_or_init(|| match Gpu::open(Some(&wanted)) {
+    let adapter = std::env::var("PENUMBRA_TEST_ADAPTER").unwrap_or_else(|_| "llvmpipe".to_owned());
+    GPU.get_or_init(|| match Gpu::open(Some(&adapter)) {
         Ok(gpu) => gpu,
         Err(error) => panic!("{error}\n`make test` installs the software driver"),
     })
     .clone()
 }
 
-/// Everything that a frame is made of.
+/// All inputs of a frame.
 #[derive(Clone)]
 pub struct Stage {
     pub scene: Scene,
@@ -55,7 +55,7 @@ pub struct Stage {
 }
 
 impl Stage {
-    /// A table seen from half a metre, nothing on it, no light.
+    /// An empty table seen from half a metre, without light.
     pub fn new(width: u32, height: u32) -> Self {
         Self {
             scene: Scene {
@@ -110,7 +110,7 @@ impl Stage {
         self
     }
 
-    /// Only floating virtual things: no table.
+    /// Removes the table; only floating virtual objects remain.
     pub fn without_ground(mut self) -> Self {
         self.scene.phantom_parts.clear();
         self.scene.ground_height = None;
@@ -147,7 +147,7 @@ impl Stage {
         compositor
     }
 
-    /// One frame of a fresh compositor.
+    /// One frame of a new compositor.
     pub fn compose(&self) -> Picture {
         self.compose_with(&mut self.compositor())
     }
@@ -187,7 +187,7 @@ pub fn looking_from(eye: DVec3, at: DVec3) -> RigidTransform {
     RigidTransform::new(DQuat::from_mat3(&axes), eye)
 }
 
-/// White, diffuse, without Fresnel's shine: what the twin knows.
+/// A white diffuse part without Fresnel reflection, as the twin supports.
 pub fn part(mesh: Mesh, at: DVec3) -> Part {
     painted(mesh, at, matt(Vec3::ONE))
 }
@@ -227,7 +227,7 @@ pub fn cell(direction: Vec3, irradiance: Vec3) -> DomeLight {
     }
 }
 
-/// Nothing but `lights`; `radiance` is what mirrors and the lower hemisphere show.
+/// Lighting by `lights` alone; `radiance` is that of reflections and of the lower hemisphere.
 pub fn lighting(lights: Vec<DomeLight>, radiance: f32) -> Lighting {
     let levels = (0..4).map(|m| vec![[radiance; 3]; 6 << (2 * (3 - m))]);
     Lighting {
@@ -245,14 +245,14 @@ pub fn lighting(lights: Vec<DomeLight>, radiance: f32) -> Lighting {
     }
 }
 
-/// An even sky all round, without lights that cast shadows.
+/// A uniform sky in all directions, without lights that cast shadows.
 pub fn even_sky(radiance: f32) -> Lighting {
     let mut lighting = lighting(Vec::new(), radiance);
     lighting.irradiance.coefficients[0] = Vec3::splat(PI * radiance);
     lighting
 }
 
-/// Of the cells: A_l k_lm² · C · p_lm(direction), see `environment::harmonics`.
+/// Harmonics of the cells: A_l k_lm² · C · p_lm(direction), see `environment::harmonics`.
 fn harmonics(lights: &[DomeLight]) -> Harmonics {
     let mut out = Harmonics::default();
     for light in lights.iter().filter(|l| l.kind == LightKind::Cell) {
@@ -275,8 +275,8 @@ fn harmonics(lights: &[DomeLight]) -> Harmonics {
     out
 }
 
-/// Lights all over the upper hemisphere, each of another colour; together they shine on
-/// the ground with an irradiance of about `total`.
+/// Lights over the entire upper hemisphere, in different colours, with a total irradiance of about
+/// `total` on the ground.
 pub fn spiral(count: u32, total: f32) -> Vec<DomeLight> {
     let golden = PI * (3.0 - 5.0_f32.sqrt());
     (0..count)
@@ -299,7 +299,7 @@ pub fn flat(width: u32, height: u32, [r, g, b]: [u8; 3]) -> Picture {
     }
 }
 
-/// Every code, in no order, and alpha too, which no camera has a use for.
+/// Random codes of all values, also in alpha, which cameras do not use.
 pub fn noise(width: u32, height: u32) -> Picture {
     let mut state = 0x2545_f491_4f6c_dd1d_u64;
     let rgba = (0..4 * width * height)

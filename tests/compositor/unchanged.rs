@@ -1,6 +1,6 @@
-//! Where nothing virtual is, the picture is the camera's, bit for bit.
+//! Without virtual objects or shadows, a pixel is the camera's, bit for bit.
 
-use crate::judge::{assert_same_where, untouched};
+use crate::comparison::{assert_same_where, untouched};
 use crate::stage::{Stage, lighting, noise, part, spiral, sun};
 use glam::{DVec3, Vec3};
 use penumbra_scene::ShadowMode;
@@ -15,7 +15,7 @@ fn noisy(width: u32, height: u32) -> Stage {
 }
 
 #[test]
-fn without_virtual_objects_every_code_is_kept() {
+fn every_code_is_kept_without_virtual_objects() {
     for (width, height) in [(96, 72), (101, 67), (7, 5), (1, 1)] {
         for step in [1, 2] {
             let mut stage = noisy(width, height)
@@ -34,7 +34,7 @@ fn without_virtual_objects_every_code_is_kept() {
 }
 
 #[test]
-fn without_a_pose_or_light_or_when_hidden_every_code_is_kept() {
+fn every_code_is_kept_without_pose_or_light_or_when_hidden() {
     let full = noisy(101, 67).with_virtual(part(
         primitives::sphere(0.1, 24, 12),
         DVec3::new(0.0, 0.0, 0.1),
@@ -65,7 +65,7 @@ fn without_a_pose_or_light_or_when_hidden_every_code_is_kept() {
 }
 
 #[test]
-fn pixels_that_nothing_virtual_touches_are_the_cameras() {
+fn pixels_without_virtual_change_keep_the_cameras_codes() {
     for (step, samples) in [(1, 1), (1, 4), (2, 4)] {
         for mode in MODES {
             let mut stage = noisy(101, 67)
@@ -89,7 +89,7 @@ fn pixels_that_nothing_virtual_touches_are_the_cameras() {
 }
 
 #[test]
-fn shadows_of_no_strength_leave_the_table_alone() {
+fn shadows_of_zero_strength_keep_the_table_unchanged() {
     let mut stage =
         noisy(101, 67).with_virtual(part(primitives::cuboid(Vec3::splat(0.1)), DVec3::ZERO));
     stage.strength = 0.0;

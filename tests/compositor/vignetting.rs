@@ -52,8 +52,8 @@ fn stage(distortion: [f64; 5]) -> Stage {
 }
 
 /// The position of a pixel of the output in the camera picture.
-fn own(camera: &PinholeCamera, wanted: LensOutput, pixel: DVec2) -> DVec2 {
-    match wanted {
+fn own(camera: &PinholeCamera, lens_output: LensOutput, pixel: DVec2) -> DVec2 {
+    match lens_output {
         LensOutput::Camera => pixel,
         LensOutput::Undistorted => {
             let ray = (pixel - camera.centre) / camera.focal;
@@ -65,10 +65,10 @@ fn own(camera: &PinholeCamera, wanted: LensOutput, pixel: DVec2) -> DVec2 {
 #[test]
 fn virtual_objects_have_the_vignetting_of_the_camera() {
     for distortion in [[0.0; 5], [-0.25, 0.06, 0.003, -0.002, 0.0]] {
-        for wanted in [LensOutput::Camera, LensOutput::Undistorted] {
+        for lens_output in [LensOutput::Camera, LensOutput::Undistorted] {
             let mut stage = stage(distortion);
             let mut compositor = stage.compositor();
-            compositor.set_lens_output(wanted);
+            compositor.set_lens_output(lens_output);
             let even = stage.compose_with(&mut compositor);
             stage.vignetting = Some(VIGNETTING);
             let faded = stage.compose_with(&mut compositor);
@@ -81,7 +81,7 @@ fn virtual_objects_have_the_vignetting_of_the_camera() {
                 (310, 230),
             ] {
                 let pixel = DVec2::new(at.0.into(), at.1.into());
-                let expected = VIGNETTING.at(own(&stage.camera, wanted, pixel));
+                let expected = VIGNETTING.at(own(&stage.camera, lens_output, pixel));
                 let share = light(&faded, at) / light(&even, at);
                 println!("{at:?}: {share:.4} of {expected:.4}");
                 assert!(

@@ -1,6 +1,6 @@
-//! How virtual surfaces look: lit, shadowed, hidden, mirrored.
+//! Appearance of virtual surfaces: shading, shadows, occlusion, reflections.
 
-use crate::judge::{Rule, assert_like, assert_same_where, virtual_inside};
+use crate::comparison::{Rule, assert_like, assert_same_where, virtual_inside};
 use crate::stage::{
     Stage, cell, even_sky, flat, lighting, looking_from, matt, painted, part, spiral, sun,
 };
@@ -25,7 +25,7 @@ fn metal(roughness: f32) -> Material {
     }
 }
 
-fn ball(material: Material) -> Part {
+fn sphere(material: Material) -> Part {
     painted(primitives::sphere(0.1, 96, 48), DVec3::ZERO, material)
 }
 
@@ -51,31 +51,31 @@ fn assert_even(name: &str, stage: &Stage, low: u8, high: u8) {
 }
 
 #[test]
-fn under_an_even_sky_white_and_mirrors_show_the_sky() {
+fn white_and_mirrors_show_a_uniform_sky() {
     let radiance = 0.5;
     let code = Response::srgb().code_from_linear(radiance);
     for (name, material) in [("white", matt(Vec3::ONE)), ("mirror", metal(0.0))] {
         for step in [1, 2] {
             let mut stage = Stage::new(96, 72)
                 .without_ground()
-                .with_virtual(ball(material.clone()))
+                .with_virtual(sphere(material.clone()))
                 .lit(even_sky(radiance));
             stage.settings.shadow_step = step;
             assert_even(name, &stage, code - 2, code + 1);
         }
     }
-    // Rough metal may lose what bounces between its facets, and never gains.
+    // Rough metal may lose light reflected between its facets, but never gains any.
     for roughness in [0.2, 0.5, 1.0] {
         let stage = Stage::new(96, 72)
             .without_ground()
-            .with_virtual(ball(metal(roughness)))
+            .with_virtual(sphere(metal(roughness)))
             .lit(even_sky(radiance));
         assert_even("rough", &stage, code / 2, code + 1);
     }
 }
 
 #[test]
-fn over_a_ground_as_bright_as_the_sky_nothing_changes() {
+fn ground_as_bright_as_the_sky_changes_nothing() {
     let code = 188;
     let radiance = Response::srgb().linear_from_code()[188];
     for (name, material) in [("white", matt(Vec3::ONE)), ("mirror", metal(0.0))] {
@@ -92,7 +92,7 @@ fn over_a_ground_as_bright_as_the_sky_nothing_changes() {
 }
 
 #[test]
-fn surfaces_are_lit_and_shadow_themselves_and_one_another() {
+fn surfaces_are_lit_and_shadow_themselves_and_each_other() {
     for (step, samples) in [(1, 1), (1, 4), (2, 4)] {
         let mut lights = spiral(6, 1.2);
         lights.push(sun(Vec3::new(-0.5, -0.6, 0.8), Vec3::new(1.0, 0.9, 0.8)));
@@ -125,7 +125,7 @@ fn surfaces_are_lit_and_shadow_themselves_and_one_another() {
 }
 
 #[test]
-fn coarse_light_does_not_bleed_round_corners() {
+fn coarse_light_does_not_bleed_across_creases() {
     // Light from straight above: the top is bright, the sides are black.
     let light = lighting(vec![sun(Vec3::Z, Vec3::splat(2.0))], 0.0);
     let mut stage = Stage::new(96, 72)
@@ -143,7 +143,7 @@ fn coarse_light_does_not_bleed_round_corners() {
 }
 
 #[test]
-fn the_sky_comes_from_where_its_harmonics_say() {
+fn sky_irradiance_matches_its_harmonics() {
     let mut light = even_sky(0.0);
     light.irradiance.coefficients = [
         Vec3::new(1.2, 1.0, 0.8),
@@ -158,7 +158,7 @@ fn the_sky_comes_from_where_its_harmonics_say() {
     ];
     let mut stage = Stage::new(96, 72)
         .without_ground()
-        .with_virtual(ball(matt(Vec3::ONE)))
+        .with_virtual(sphere(matt(Vec3::ONE)))
         .lit(light);
     stage.settings.samples = 1;
     let rule = Rule { slack: 3, ..RULE };
@@ -166,7 +166,7 @@ fn the_sky_comes_from_where_its_harmonics_say() {
 }
 
 #[test]
-fn real_things_in_front_hide_virtual_ones() {
+fn real_objects_in_front_hide_virtual_ones() {
     let mut stage = Stage::new(128, 96)
         .with_phantom(part(
             primitives::cuboid(Vec3::new(0.1, 0.04, 0.14)),
@@ -182,10 +182,10 @@ fn real_things_in_front_hide_virtual_ones() {
         ));
     stage.picture = crate::stage::noise(128, 96);
     let (twin, ours) = (stage.twin(), stage.compose());
-    // Up to three pixels from the box's outline the two sides are weighed against each other.
-    let hidden = crate::judge::untouched(&twin, 4);
+    // Up to three pixels from the box's outline the two sides are blended.
+    let hidden = crate::comparison::untouched(&twin, 4);
     assert_same_where("hidden", &ours, &stage.picture, &hidden);
-    // The box covers part of where the ball would be seen.
+    // The box covers part of the sphere.
     let mut bare = stage.clone();
     bare.scene.phantom_parts.truncate(1);
     let covered = inside(&bare.twin())
@@ -195,9 +195,9 @@ fn real_things_in_front_hide_virtual_ones() {
     assert!(covered > 100, "{covered}");
 }
 
-/// Six faces of six colours: a mirror ball shows each where geometry says.
+/// Six faces of six colours: a mirrored sphere shows each in the expected direction.
 #[test]
-fn a_mirror_shows_the_environment_the_right_way_round() {
+fn mirror_shows_the_environment_in_the_right_orientation() {
     let colours = [
         [0.9, 0.1, 0.1],
         [0.1, 0.9, 0.1],
@@ -217,7 +217,7 @@ fn a_mirror_shows_the_environment_the_right_way_round() {
     light.radiance = Arc::new(map);
     let stage = Stage::new(128, 96)
         .without_ground()
-        .with_virtual(ball(metal(0.0)))
+        .with_virtual(sphere(metal(0.0)))
         .lit(light);
     let (ours, twin) = (stage.compose(), stage.twin());
     let pose = stage.pose.unwrap();
@@ -225,13 +225,13 @@ fn a_mirror_shows_the_environment_the_right_way_round() {
     for i in inside(&twin) {
         let pixel = glam::DVec2::new((i % 128) as f64, (i / 128) as f64);
         let ray = pose.rotation * stage.camera.unproject(pixel);
-        let Some(normal) = ball_normal(pose.translation, ray, 0.1) else {
+        let Some(normal) = sphere_normal(pose.translation, ray, 0.1) else {
             continue;
         };
         let (face, s, t) = locate(ray.reflect(normal).as_vec3());
-        // Away from the blend between faces, and from the rim, where pixels span much.
-        let middle = (s - 0.5).abs().max((t - 0.5).abs()) < 0.3;
-        if !middle || normal.dot(-ray) < 0.4 {
+        // Away from the blend between faces, and from the rim, where pixels cover large angles.
+        let central = (s - 0.5).abs().max((t - 0.5).abs()) < 0.3;
+        if !central || normal.dot(-ray) < 0.4 {
             continue;
         }
         seen[face] += 1;
@@ -240,12 +240,12 @@ fn a_mirror_shows_the_environment_the_right_way_round() {
         let close = (0..3).all(|c| rgb[c].abs_diff(expected[c]) <= 4);
         assert!(close, "{pixel} face {face}: {rgb:?} {expected:?}");
     }
-    // All but what lies straight behind the ball.
+    // All faces except those straight behind the sphere.
     assert!(seen.iter().filter(|n| **n > 20).count() >= 4, "{seen:?}");
 }
 
-/// Normal where a ray first meets a ball about the origin.
-fn ball_normal(eye: DVec3, ray: DVec3, radius: f64) -> Option<DVec3> {
+/// Normal where a ray first hits a sphere about the origin.
+fn sphere_normal(eye: DVec3, ray: DVec3, radius: f64) -> Option<DVec3> {
     let b = eye.dot(ray);
     let root = b * b - eye.length_squared() + radius * radius;
     (root > 0.0).then(|| ((eye + ray * (-b - root.sqrt())) / radius).normalize())
@@ -279,7 +279,7 @@ fn tile(material: Material) -> Stage {
 }
 
 #[test]
-fn textures_lie_as_gltf_says_and_cut_away_parts_show_the_camera() {
+fn textures_follow_gltf_and_alpha_cutouts_show_the_camera() {
     let mut stage = tile(Material {
         base_colour_texture: Some(quarters()),
         alpha_cutoff: 0.5,
@@ -292,10 +292,10 @@ fn textures_lie_as_gltf_says_and_cut_away_parts_show_the_camera() {
     assert_eq!(ours.rgb(28, 52), [0, 0, 255]);
     assert_eq!(ours.rgb(52, 52), [180, 150, 120], "cut away");
     assert_eq!(ours.rgb(2, 2), [180, 150, 120], "beside it");
-    // Turned over: the mirrored tile faces the camera still.
+    // The mirrored tile still faces the camera.
     stage.scene.virtual_parts[0].world_from_part = DMat4::from_scale(DVec3::new(-1.0, 1.0, 1.0));
     assert_eq!(stage.compose().rgb(52, 28), [255, 0, 0]);
-    // From behind there is nothing, unless both sides are drawn.
+    // From behind nothing is visible, unless both sides are drawn.
     let below = looking_from(DVec3::new(0.0, -1e-4, -0.5), DVec3::ZERO);
     let mut back = tile(matt(Vec3::ONE));
     back.pose = Some(below);
@@ -304,7 +304,7 @@ fn textures_lie_as_gltf_says_and_cut_away_parts_show_the_camera() {
         double_sided: true,
         ..matt(Vec3::ONE)
     });
-    // That side has a normal of its own: light from below reaches it, from above not.
+    // The back has its own normal: light from below reaches it, light from above does not.
     for (direction, low, high) in [(Vec3::NEG_Z, 253, 255), (Vec3::Z, 0, 0)] {
         let light = sun(direction, Vec3::splat(std::f32::consts::PI));
         back.lighting = Some(lighting(vec![light], 0.0));
@@ -314,7 +314,7 @@ fn textures_lie_as_gltf_says_and_cut_away_parts_show_the_camera() {
 }
 
 #[test]
-fn normal_maps_lean_the_way_their_colours_say() {
+fn normal_maps_tilt_in_the_direction_of_their_colours() {
     let map = |r: u8, g: u8, b: u8| {
         Some(Arc::new(SceneTexture {
             width: 1,
@@ -334,8 +334,8 @@ fn normal_maps_lean_the_way_their_colours_say() {
     let (east, north) = (Vec3::new(1.0, 0.0, 1.0), Vec3::new(0.0, 1.0, 1.0));
     let full = 2.0 / std::f64::consts::PI;
     let flat = full * 0.5_f64.sqrt();
-    // 218 = 127.5 (1 + sin 45°): red leans along growing u (east), green to the picture's
-    // top (north).
+    // 218 = 127.5 (1 + sin 45°): red tilts along growing u (east), green towards the picture's top
+    // (north).
     for (texture, from_east, from_north) in [
         (None, flat, flat),
         (map(128, 128, 255), flat, flat),
@@ -352,14 +352,14 @@ fn normal_maps_lean_the_way_their_colours_say() {
 }
 
 #[test]
-fn what_shines_shows_its_own_light() {
+fn emissive_surface_shows_its_radiance() {
     let mut stage = tile(Material {
         emissive: Vec3::new(0.2, 0.5, 0.8),
         ..matt(Vec3::ZERO)
     });
     stage.lighting = Some(lighting(vec![cell(Vec3::Z, Vec3::ZERO)], 0.0));
     let expected = [0.2, 0.5, 0.8].map(|v| Response::srgb().code_from_linear(v));
-    // The inverse response is a table; half a code of rounding may fall either way.
+    // The inverse response is a table; half a code of rounding may go either way.
     let shown = stage.compose().rgb(40, 40);
     let off = |(a, b): (u8, u8)| a.abs_diff(b);
     assert!(
@@ -369,7 +369,7 @@ fn what_shines_shows_its_own_light() {
 }
 
 #[test]
-fn colours_multiply_the_light() {
+fn base_colour_multiplies_the_light() {
     let stage = tile(Material {
         base_colour: Vec4::new(0.25, 0.5, 1.0, 1.0),
         ..matt(Vec3::ONE)
@@ -381,9 +381,9 @@ fn colours_multiply_the_light() {
 }
 
 #[test]
-fn wires_and_things_that_reach_behind_the_camera_are_lit_like_others() {
-    // Bars as thin as a pixel, across the borders of tiles, in the shadow of a plate that
-    // begins behind the camera.
+fn wires_and_objects_behind_the_camera_are_lit_correctly() {
+    // Bars as thin as a pixel, across the borders of tiles, in the shadow of a plate that starts
+    // behind the camera.
     let mut stage = Stage::new(128, 96).without_ground().lit(lighting(
         vec![
             sun(Vec3::new(0.3, -0.2, 1.0), Vec3::splat(1.5)),

@@ -1,4 +1,4 @@
-//! Reflections on glossy surfaces by numerical integration over all texels of a map.
+//! Specular reflection of glossy surfaces, by plain sums over all texels of a map.
 
 use glam::Vec3;
 use penumbra_lighting::CubeMap;
@@ -8,7 +8,7 @@ use penumbra_lighting::cube::{CubeGrid, face_direction};
 use penumbra_lighting::lobes::{Family, Levels, own_width, phong_exponent, tilted};
 use penumbra_lighting::prefilter::gathered;
 
-/// A surface normal and a viewing direction.
+/// The normal of a surface and the direction to the viewer.
 #[derive(Clone, Copy, Debug)]
 pub struct View {
     pub n: Vec3,
@@ -25,8 +25,7 @@ impl View {
     }
 }
 
-/// BRDF times n·l with F0 = F90 = 1, or a specular colour of 1, directly from the papers'
-/// formulas.
+/// BRDF times n·l with F0 = F90 = 1, or a specular colour of 1, directly from the papers' formulas.
 pub fn reflectance(family: Family, parameter: f32, view: &View, l: Vec3) -> f64 {
     let (n_l, n_v) = (f64::from(view.n.dot(l)), f64::from(view.n_dot_v()));
     if n_l <= 0.0 {
@@ -42,7 +41,7 @@ pub fn reflectance(family: Family, parameter: f32, view: &View, l: Vec3) -> f64 
             let a2 = f64::from(parameter).powi(4);
             let h = (l + view.v).normalize();
             let n_h = f64::from(view.n.dot(h));
-            // 1 − (n·h)² as |n × h|², which is exact for narrow lobes.
+            // 1 − (n·h)² as |n × h|², which keeps narrow lobes exact.
             let sin2 = f64::from(view.n.cross(h).length_squared());
             let d = a2 / (std::f64::consts::PI * (n_h * n_h * a2 + sin2).powi(2));
             let root = |x: f64| (x * x * (1.0 - a2) + a2).sqrt();
@@ -64,7 +63,7 @@ impl Integrator {
         }
     }
 
-    /// Returns ∫ L f (n·l) dl for each of `maps`, which have the texels of this grid.
+    /// ∫ L f (n·l) dl for each of `maps`, which have this grid's texels.
     pub fn integrals(
         &self,
         family: Family,
@@ -112,7 +111,7 @@ impl Integrator {
     }
 }
 
-/// The integral from a prefiltered map, as the program computes it.
+/// The same from a prefiltered map, as the program computes it.
 pub fn prefiltered(map: &CubeMap, levels: &Levels, family: Family, p: f32, view: &View) -> Vec3 {
     let response = family.response(view.n_dot_v(), p);
     let d = tilted(view.mirror(), view.n, response.tilt);
@@ -123,7 +122,7 @@ pub fn prefiltered(map: &CubeMap, levels: &Levels, family: Family, p: f32, view:
     light * (response.scale + response.bias) + scaled + added
 }
 
-/// The integral from the chain of box-filtered maps: Phong by the paper, GGX with its albedo.
+/// The same from the chain of box-filtered maps: Phong by the paper, GGX with its own albedo.
 pub fn boxed(map: &CubeMap, family: Family, p: f32, view: &View) -> Vec3 {
     let albedo = match family {
         Family::Phong => 1.0,

@@ -1,5 +1,6 @@
-//! Compares reflections on glossy surfaces from prefiltered maps with numerical integration and
-//! with the paper's chain of box-filtered maps. `--nocapture` shows the table of errors.
+//! Glossy surfaces under environment maps: the prefiltered chain is compared with plain numerical
+//! integration and with the paper's chain of box-filtered maps. `--nocapture` shows the table of
+//! errors.
 
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
@@ -32,7 +33,7 @@ fn lobes() -> impl Iterator<Item = (Family, f32, f32)> {
     ggx.into_iter().chain(phong)
 }
 
-/// Views with reflected directions in all directions, some towards the spot or next to it.
+/// Surfaces in all directions, and some that mirror the spot or its surroundings.
 fn views() -> Vec<View> {
     let mut all = Vec::new();
     for (k, n_dot_v) in SLANTS.into_iter().enumerate() {
@@ -57,7 +58,7 @@ fn views() -> Vec<View> {
     all
 }
 
-/// Prefilters as the program does: compact sources are found and removed from the levels.
+/// Builds the chain as the program does: sources are detected and left out of the levels.
 fn chain(map: &[Vec3]) -> CubeMap {
     let grid = CubeGrid::new(SIZE);
     let samples = SampleGrid {
@@ -75,12 +76,12 @@ fn chain(map: &[Vec3]) -> CubeMap {
     PREFILTER.apply_without(map, &excesses(&grid, map, &without, &towards, &widths))
 }
 
-/// Root mean square errors over the views relative to the root mean square, prefiltered and boxed.
+/// Root mean square errors over the views, relative to the root mean square of the ground truth.
 struct Errors {
     lobe: (Family, f32),
     prefiltered: f64,
     boxed: f64,
-    /// Root mean square of the numerical integral.
+    /// Sum of the squared ground truth.
     size: f64,
 }
 
@@ -117,7 +118,7 @@ fn errors(maps: &[Vec<Vec3>]) -> Vec<Vec<Errors>> {
     all
 }
 
-/// Combines the errors of all lobes of a family.
+/// Root mean square error over all lobes of a family.
 fn overall(list: &[Errors], family: Family, of: impl Fn(&Errors) -> f64) -> f64 {
     let of_family = || list.iter().filter(|e| e.lobe.0 == family);
     let sum: f64 = of_family().map(|e| of(e).powi(2) * e.size).sum();
@@ -135,17 +136,17 @@ fn print(name: &str, list: &[Errors]) {
 }
 
 #[test]
-fn constant_light_is_reflected_by_the_albedo() {
+fn constant_light_is_scaled_by_the_albedo() {
     let all = errors(&[vec![Vec3::new(0.3, 1.0, 2.0); 6 * (SIZE * SIZE) as usize]]);
     print("constant", &all[0]);
     for e in &all[0] {
-        // The sum for GGX uses 1024 half vectors.
-        let most = if e.lobe.0 == Family::Phong {
+        // GGX's sum has 1024 half vectors.
+        let limit = if e.lobe.0 == Family::Phong {
             2e-3
         } else {
             8e-3
         };
-        assert!(e.prefiltered < most, "{:?}: {}", e.lobe, e.prefiltered);
+        assert!(e.prefiltered < limit, "{:?}: {}", e.lobe, e.prefiltered);
     }
 }
 
@@ -156,39 +157,39 @@ fn gradients_are_reproduced() {
     })]);
     print("gradient", &all[0]);
     for e in &all[0] {
-        let most = if e.lobe.0 == Family::Phong {
+        let limit = if e.lobe.0 == Family::Phong {
             0.025
         } else {
             0.05
         };
-        assert!(e.prefiltered < most, "{:?}: {}", e.lobe, e.prefiltered);
+        assert!(e.prefiltered < limit, "{:?}: {}", e.lobe, e.prefiltered);
     }
 }
 
 #[test]
-fn small_source_is_reproduced() {
+fn small_source_is_closer_than_from_the_papers_chain() {
     let all = errors(&[rendered(SIZE, maps::spot)]);
     print("spot", &all[0]);
     for e in &all[0] {
-        let most = if e.lobe.0 == Family::Phong {
+        let limit = if e.lobe.0 == Family::Phong {
             0.06
         } else {
             0.14
         };
-        assert!(e.prefiltered < most, "{:?}: {}", e.lobe, e.prefiltered);
+        assert!(e.prefiltered < limit, "{:?}: {}", e.lobe, e.prefiltered);
         assert!(e.prefiltered < e.boxed, "{:?}", e.lobe);
     }
 }
 
 #[test]
-fn photographed_maps_have_less_error_than_with_the_papers_chain() {
+fn photographed_maps_are_closer_than_from_the_papers_chain() {
     let Some(maps) = real(SIZE) else { return };
     let (names, texels): (Vec<_>, Vec<_>) = maps.into_iter().unzip();
     // The sun outdoors is a hundred thousand times as bright as the sky.
-    let most = [[0.12, 0.06], [0.03, 0.02]];
-    for ((name, list), most) in names.iter().zip(errors(&texels)).zip(most) {
+    let limit = [[0.12, 0.06], [0.03, 0.02]];
+    for ((name, list), limit) in names.iter().zip(errors(&texels)).zip(limit) {
         print(name, &list);
-        for (family, most) in [Family::Ggx, Family::Phong].into_iter().zip(most) {
+        for (family, limit) in [Family::Ggx, Family::Phong].into_iter().zip(limit) {
             let ours = overall(&list, family, |e| e.prefiltered);
             let theirs = overall(&list, family, |e| e.boxed);
             eprintln!(
@@ -197,7 +198,7 @@ fn photographed_maps_have_less_error_than_with_the_papers_chain() {
                 100.0 * theirs
             );
             assert!(
-                ours < most && ours < theirs,
+                ours < limit && ours < theirs,
                 "{name} {family:?}: {ours} {theirs}"
             );
         }
@@ -207,10 +208,10 @@ fn photographed_maps_have_less_error_than_with_the_papers_chain() {
     }
 }
 
-/// Helmholtz reciprocity: exchanging l and v does not change the BRDF. (The prefiltered look-up
-/// is not reciprocal; the model that it approximates is.)
+/// Helmholtz reciprocity: l to v equals v to l. (The prefiltered look-up is not reciprocal; the
+/// underlying model is.)
 #[test]
-fn models_are_reciprocal() {
+fn both_models_are_reciprocal() {
     for (family, _, p) in lobes() {
         for view in views() {
             let (a, b) = view.n.any_orthonormal_pair();

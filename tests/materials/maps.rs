@@ -22,7 +22,7 @@ pub fn rendered(size: u32, radiance: impl Fn(Vec3) -> Vec3) -> Vec<Vec3> {
         .collect()
 }
 
-/// Photographed maps, one indoors and one in the sun; `None` without them.
+/// Photographed maps, one indoors and one in the sun; `None` if they are missing.
 pub fn real(size: u32) -> Option<Vec<(String, Vec<Vec3>)>> {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data/envmaps");
     let names = ["aerodynamics_workshop_1k", "noon_grass_1k"];
@@ -39,7 +39,7 @@ pub fn real(size: u32) -> Option<Vec<(String, Vec<Vec3>)>> {
     all
 }
 
-/// Converts an equirectangular map to a cube map by means over the texels.
+/// Converts an equirectangular map: means over its texels.
 fn cube(size: u32, picture: &image::Rgb32FImage) -> Vec<Vec3> {
     const PARTS: u32 = 4;
     let (width, height) = (picture.width() as f32, picture.height() as f32);

@@ -80,7 +80,7 @@ fn feed(shared: &SharedStatus, stop: &AtomicBool) {
         let scale = wobble * f64::from(requested.light_count) / 64.0;
         shared.update(|s| advance(s, frame, scale, requested));
         if shared.wants_picture() {
-            shared.publish_picture(Arc::new(ball(frame, visible)));
+            shared.publish_picture(Arc::new(rolling_ball(frame, visible)));
         }
         std::thread::sleep(Duration::from_millis(33));
     }
@@ -217,8 +217,8 @@ fn devices() -> Vec<Device> {
     vec![scene, environment, tracker]
 }
 
-/// Renders a ball that rolls to and fro on a plane, with a soft shadow.
-fn ball(frame: u64, visible: bool) -> Picture {
+/// Renders a ball that rolls back and forth on a plane, with a soft shadow.
+fn rolling_ball(frame: u64, visible: bool) -> Picture {
     let phase = frame as f64 / 20.0;
     let centre = (
         320.0 + 170.0 * phase.sin(),

@@ -1,5 +1,5 @@
-//! Lighting on a separate thread while the previous picture is rendered, as in a rig; each picture is
-//! still rendered in the light of its own instant.
+//! Lighting on a separate thread while the previous picture is rendered, as in a rig; each picture
+//! is still rendered in the light of its own instant.
 
 use super::{BenchError, BenchOptions, Case, Passes, Percentiles, Rig, Row, Stills, WARM_UP};
 use super::{estimator, processor_nanos, time};
@@ -14,7 +14,7 @@ use std::time::Instant;
 /// Number of pictures that are rendered in advance and repeated.
 const STILLS: u32 = 30;
 
-/// Input of each instant.
+/// Estimates the lighting of each instant.
 struct Reader {
     estimator: EnvironmentEstimator,
     camera: PinholeCamera,
@@ -78,8 +78,8 @@ pub(super) fn measure(gpu: &Gpu, case: Case, options: &BenchOptions) -> Result<R
     drop(lights);
     let _ = thread.join();
     row.fps = 1e3 * wall.len() as f64 / wall.iter().sum::<f64>().max(1e-9);
-    row.wall_ms = Percentiles::of(&wall);
-    row.gpu_ms = Percentiles::of(&gpu_total);
+    row.wall_ms = Percentiles::from_values(&wall);
+    row.gpu_ms = Percentiles::from_values(&gpu_total);
     row.processor_ms = Some(spent / wall.len().max(1) as f64).filter(|ms| *ms > 0.0);
     row.passes = passes.medians();
     Ok(row)

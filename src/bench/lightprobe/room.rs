@@ -1,6 +1,6 @@
 //! The scene of the case: a table with a mirrored sphere, in a room whose light changes.
 
-use crate::bench::stage::{self, looking};
+use crate::bench::stage::{self, look_at};
 use glam::{DMat4, DQuat, DVec2, DVec3, Vec3, Vec4};
 use penumbra_camera::PinholeCamera;
 use penumbra_camera::PlacedView;
@@ -17,7 +17,7 @@ const BALL: DVec3 = DVec3::new(-0.11, 0.06, BALL_RADIUS);
 /// Lens of the environment camera; pixels a side of its picture.
 const FISHEYE: u32 = 480;
 
-/// Where the environment is measured.
+/// Source of the environment's light.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(super) enum View {
     Ball,
@@ -36,7 +36,7 @@ impl View {
 /// Pose and picture of the camera.
 pub(super) type Stills = Vec<(RigidTransform, Picture)>;
 
-/// See the module.
+/// The scene and the cameras of the case.
 pub(super) struct Room {
     view: View,
     pub camera: PinholeCamera,
@@ -80,7 +80,7 @@ impl Room {
         }
     }
 
-    /// The picture from which the environment is measured.
+    /// Returns the picture from which the environment is measured.
     pub const fn environment_picture(&self) -> &Picture {
         match self.view {
             View::Ball => &self.picture,
@@ -88,7 +88,7 @@ impl Room {
         }
     }
 
-    /// The cameras' pictures of instant `i`.
+    /// Renders the cameras' pictures of instant `i`.
     pub fn show(&mut self, i: u32) {
         let scene = (self.pose(i), &self.camera);
         let view = PlacedView::new(&self.environment_view(), Some(scene), None);
@@ -112,7 +112,7 @@ impl Room {
         }
     }
 
-    /// Poses and pictures of the first `count` instants.
+    /// Returns poses and pictures of the first `count` instants.
     pub fn stills(&mut self, count: u32) -> Stills {
         let still = |i| {
             self.show(i);
@@ -121,14 +121,14 @@ impl Room {
         (0..count).map(still).collect()
     }
 
-    /// The camera walks slowly round the table and looks down at it.
+    /// Returns the pose of the camera, which slowly orbits the table and looks down at it.
     pub fn pose(&self, i: u32) -> RigidTransform {
         let angle = -1.3 + 0.004 * f64::from(i);
         let eye = DVec3::new(0.46 * angle.cos(), 0.46 * angle.sin(), 0.38);
-        looking(eye, DVec3::new(0.0, 0.0, 0.02))
+        look_at(eye, DVec3::new(0.0, 0.0, 0.02))
     }
 
-    /// Spots move in a ring above the objects; their total intensity is constant.
+    /// Moves the spots along a circle above the objects; their total intensity is constant.
     pub fn move_lamps(&mut self, i: u32) {
         let count = self.lamps.len().max(1) as f32;
         for (k, lamp) in self.lamps.iter_mut().enumerate() {
@@ -144,8 +144,8 @@ impl Room {
         }
     }
 
-    /// A golden torus and a sphere with Phong's lobe on a table, 7,168 triangles, beside the
-    /// mirrored sphere.
+    /// Returns the scene: a golden torus and a sphere with a Phong lobe on a table, 7,168
+    /// triangles, beside the mirrored sphere.
     pub fn scene(&self) -> Scene {
         let gold = Material {
             base_colour: Vec4::new(0.9, 0.7, 0.3, 1.0),
@@ -182,7 +182,7 @@ impl Room {
         }
     }
 
-    /// Irradiance of the table from the room, by direct summation.
+    /// Returns the table's irradiance from the room, by direct summation.
     #[cfg(test)]
     pub fn irradiance(&self, i: u32) -> Vec3 {
         let grid = penumbra_lighting::cube::CubeGrid::new(128);
@@ -212,8 +212,8 @@ const fn ball() -> MirrorSphere {
     }
 }
 
-/// A room with a wide window and a cloud that passes: nothing clips, so that the measured
-/// lighting can be verified.
+/// Returns the radiance of a room with a wide window and a passing cloud. No value clips, so that
+/// the measured lighting can be verified.
 fn radiance(d: Vec3, i: u32) -> Vec3 {
     let time = 0.2 * i as f32;
     let wall = 0.25 + 0.1 * (3.0 * d.x).sin() * (4.0 * d.z).cos() + 0.05 * d.z;
@@ -222,7 +222,7 @@ fn radiance(d: Vec3, i: u32) -> Vec3 {
     Vec3::new(0.9, 1.0, 1.1) * (wall + 0.6 * cloud * window)
 }
 
-/// Encodes a value as the camera does.
+/// Encodes a radiance with the camera's tone curve.
 fn code(radiance: Vec3) -> [u8; 3] {
     radiance.to_array().map(|l| {
         let l = l.clamp(0.0, 1.0);

@@ -5,8 +5,11 @@
 //! most lights is chosen. Lights have few distinguishing features: where another rotation matches as
 //! many, the result is ambiguous, and only an approximate orientation can decide.
 
-use super::wahba::wahba;
 use glam::{DQuat, DVec3};
+use penumbra_numerics::best_rotation;
+
+/// Minimum [`penumbra_numerics::BestRotation::margin`] of a rotation between directions.
+const MIN_MARGIN: f64 = 1e-7;
 
 /// Direction of a light from either side.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -77,7 +80,7 @@ pub fn match_lights(
             }
             let two = [(first[a], second[c]), (first[b], second[d])]
                 .map(|(f, s)| (f.direction, s.direction, 1.0));
-            let Some(rotation) = wahba(&two) else {
+            let Some(rotation) = determined_rotation(&two) else {
                 continue;
             };
             if near.is_some_and(|(q, max_error)| rotation.angle_between(q) > max_error) {
@@ -124,7 +127,7 @@ fn refined(
                 (first[i].direction, second[j].direction, sigma.powi(-2))
             })
             .collect();
-        rotation = wahba(&all).unwrap_or(rotation);
+        rotation = determined_rotation(&all).unwrap_or(rotation);
     }
     let found = Match {
         rotation,
@@ -160,6 +163,13 @@ fn paired(
         }
     }
     (score, pairs)
+}
+
+/// Returns the rotation that best maps the first directions to the second ones, with weights third;
+/// `None` where they do not determine it.
+pub(super) fn determined_rotation(pairs: &[(DVec3, DVec3, f64)]) -> Option<DQuat> {
+    let best = best_rotation(pairs.iter().copied())?;
+    (best.margin > MIN_MARGIN).then_some(best.rotation)
 }
 
 #[cfg(test)]

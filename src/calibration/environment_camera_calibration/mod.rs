@@ -32,7 +32,6 @@ mod summary;
 mod synthetic;
 mod tags;
 mod view;
-mod wahba;
 
 pub use clicks::{Click, ClickError, ClickTarget, parse_clicks};
 pub use inputs::{EnvironmentCameraKind, EnvironmentOptions, KnownRig, NotReady};

@@ -2,9 +2,9 @@
 
 use super::model::{MIN_PAIRS, Mounting, PosePair, median_length};
 use super::refine::consistent;
-use glam::{DMat3, DQuat, DVec3};
+use glam::{DMat3, DVec3};
 use penumbra_interface::RigidTransform;
-use penumbra_numerics::{Matrix, rotation_vector, symmetric_eigen};
+use penumbra_numerics::{Matrix, best_rotation, rotation_vector, symmetric_eigen};
 
 /// Maximum number of motions used.
 const MAX_MOTIONS: usize = 600;
@@ -61,18 +61,19 @@ pub(super) fn second_axis(motions: &[Motion]) -> f64 {
 }
 
 // ┌ A X = X B: rotation vectors obey α = R β, so R is the rotation between two clouds of    ┐
-// │ vectors, max Σ αᵀ R β (Park & Martin 1994; by Horn's quaternion 1987, which cannot       │
+// │ vectors, max Σ αᵀ R β (Park & Martin 1994; by a quaternion, which cannot                │
 // │ yield a reflection); then (R_A − 1) t = R t_B − t_A, linear in t.                       │
 // └                                                                                        ┘
 /// Returns `sensor_from_camera`; `None` if the motions do not determine it.
 fn solve(motions: &[&Motion]) -> Option<RigidTransform> {
     let vectors = |m: &&Motion| {
         (
-            rotation_vector(m.sensor.rotation),
             rotation_vector(m.camera.rotation),
+            rotation_vector(m.sensor.rotation),
+            1.0,
         )
     };
-    let rotation = best_rotation(motions.iter().map(vectors))?;
+    let rotation = best_rotation(motions.iter().map(vectors))?.rotation;
     let (mut normal, mut right) = (DMat3::ZERO, DVec3::ZERO);
     for m in motions {
         let a = DMat3::from_quat(m.sensor.rotation) - DMat3::IDENTITY;
@@ -83,46 +84,6 @@ fn solve(motions: &[&Motion]) -> Option<RigidTransform> {
     let trace = normal.x_axis.x + normal.y_axis.y + normal.z_axis.z;
     let solvable = normal.determinant() > 1e-9 * trace.powi(3);
     solvable.then(|| RigidTransform::new(rotation, normal.inverse() * right))
-}
-
-/// Returns the rotation R that best satisfies a ≈ R b over pairs (a, b), in the sense of least
-/// squares (Horn 1987); `None` without pairs.
-pub(crate) fn best_rotation(pairs: impl Iterator<Item = (DVec3, DVec3)>) -> Option<DQuat> {
-    let mut s = DMat3::ZERO;
-    for (a, b) in pairs {
-        s += DMat3::from_cols(b * a.x, b * a.y, b * a.z);
-    }
-    horn(s)
-}
-
-/// Returns the rotation R that maximises Σ aᵀ R b, where `s` = Σ b aᵀ.
-fn horn(s: DMat3) -> Option<DQuat> {
-    let at = |i: usize, j: usize| s.col(j)[i];
-    let (xx, yy, zz) = (at(0, 0), at(1, 1), at(2, 2));
-    let n = [
-        [
-            xx + yy + zz,
-            at(1, 2) - at(2, 1),
-            at(2, 0) - at(0, 2),
-            at(0, 1) - at(1, 0),
-        ],
-        [0.0, xx - yy - zz, at(0, 1) + at(1, 0), at(2, 0) + at(0, 2)],
-        [0.0, 0.0, yy - xx - zz, at(1, 2) + at(2, 1)],
-        [0.0, 0.0, 0.0, zz - xx - yy],
-    ];
-    let mut m = Matrix::zeros(4, 4);
-    for i in 0..4 {
-        for j in i..4 {
-            m[(i, j)] = n[i][j];
-            m[(j, i)] = n[i][j];
-        }
-    }
-    let (_, vectors) = symmetric_eigen(&m);
-    let [w, x, y, z] = *vectors.row(3) else {
-        return None;
-    };
-    let q = DQuat::from_xyzw(x, y, z, w);
-    (q.length() > 0.5).then(|| q.normalize())
 }
 
 /// Returns the mounting with the least median residual, from random samples of three motions

@@ -13,7 +13,6 @@ mod closed_form;
 mod model;
 mod refine;
 
-pub(crate) use closed_form::best_rotation;
 pub use model::{HandEye, PosePair};
 
 use model::MIN_PAIRS;

@@ -24,14 +24,14 @@ const MAX_GAP: f64 = 0.15;
 /// Maximum image motion of a static camera, pixels from picture to picture.
 const MAX_STATIC_MOTION: f64 = 0.35;
 
-/// A pose is wrong if its rotation deviates from its neighbours by more than this multiple of the
-/// median deviation, and by more than this, radians.
-const JUMP: (f64, f64) = (8.0, 0.02);
+/// Maximum deviation of a pose's rotation from its neighbours: multiple of the median deviation,
+/// radians. A pose that exceeds both is wrong.
+const MAX_DEVIATION: (f64, f64) = (8.0, 0.02);
 
 /// Options of the step.
 #[derive(Clone, Debug)]
 pub struct LatencyOptions {
-    /// Largest offset that is tried, seconds.
+    /// Maximum offset that is searched, seconds.
     pub range: f64,
     /// The tracker's station on the rig.
     pub station: u8,
@@ -57,14 +57,14 @@ pub(super) struct CameraFlow {
 }
 
 impl CameraFlow {
-    fn add(&mut self, shown: &PictureInput) {
+    fn add(&mut self, input: &PictureInput) {
         self.pictures += 1;
-        let moved = self.flow.next(&Grey::from_picture(shown.picture));
-        let before = self.last.replace(shown.captured_at);
-        if let (Some(moved), Some(before)) = (moved, before)
-            && are_successive(before, shown.captured_at)
+        let flow = self.flow.next(&Grey::from_picture(input.picture));
+        let before = self.last.replace(input.captured_at);
+        if let (Some(flow), Some(before)) = (flow, before)
+            && are_successive(before, input.captured_at)
         {
-            self.motions.push((before, shown.captured_at, moved));
+            self.motions.push((before, input.captured_at, flow));
         }
     }
 
@@ -121,12 +121,12 @@ fn without_wrong_poses(camera_poses: &[CameraPose]) -> Vec<&CameraPose> {
         })
         .collect();
     let typical = median(deviations.iter().copied()).unwrap_or(0.0);
-    let limit = (JUMP.0 * typical).max(JUMP.1);
-    let beside = |i: usize| {
+    let limit = (MAX_DEVIATION.0 * typical).max(MAX_DEVIATION.1);
+    let max_of_neighbours = |i: usize| {
         let before = i.checked_sub(1).map_or(0.0, |b| deviations[b]);
         before.max(deviations.get(i + 1).copied().unwrap_or(0.0))
     };
-    let kept = |i: &usize| deviations[*i] <= limit || deviations[*i] < beside(*i);
+    let kept = |i: &usize| deviations[*i] <= limit || deviations[*i] < max_of_neighbours(*i);
     (0..camera_poses.len())
         .filter(kept)
         .map(|i| &camera_poses[i])
@@ -194,8 +194,9 @@ impl LatencyStep {
                 (Err(if enough_poses { poses } else { flow }), None)
             }
         };
-        let moves = self.environment.pictures > 0 && !self.environment.is_static();
-        let environment = moves.then(|| from_flow(&track, &self.environment.motions(zero), range));
+        let is_moving = self.environment.pictures > 0 && !self.environment.is_static();
+        let environment =
+            is_moving.then(|| from_flow(&track, &self.environment.motions(zero), range));
         Some(Offsets {
             scene,
             check,
@@ -241,8 +242,8 @@ impl Step for LatencyStep {
         }
     }
 
-    fn observe(&mut self, shown: &StepInput) {
-        match shown {
+    fn observe(&mut self, input: &StepInput) {
+        match input {
             StepInput::Pose(sample) => self.readings.push(sample),
             StepInput::Picture(picture) if picture.camera == CameraRole::Environment => {
                 self.environment.add(picture);
@@ -277,7 +278,7 @@ impl Step for LatencyStep {
         }
     }
 
-    fn finish(&mut self, made: &CalibrationProvenance) -> Finished {
+    fn finish(&mut self, provenance: &CalibrationProvenance) -> Finished {
         let offsets = self.offsets();
         let mut findings = self.assess(offsets.as_ref());
         let grade = grade(&mut findings);
@@ -289,9 +290,9 @@ impl Step for LatencyStep {
             report: String::new(),
             file: None,
         };
-        found.report = self.report(made, &found, offsets.as_ref());
+        found.report = self.report(provenance, &found, offsets.as_ref());
         if grade != Grade::Refused {
-            let header = found.header("latency", made);
+            let header = found.header("latency", provenance);
             let record = offsets.and_then(|o| self.record(&o, header));
             found.file = record.and_then(|r| serde_json::to_string_pretty(&r).ok());
         }

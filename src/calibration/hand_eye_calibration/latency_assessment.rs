@@ -32,7 +32,7 @@ impl LatencyStep {
                 findings.push((
                     Grade::Usable,
                     format!(
-                        "the offset is {1:.1} ms by {0} but {3:.1} ms by {2}; the first is used; record again, rotating the rig in place",
+                        "the offset is {1:.1} ms from {0} but {3:.1} ms from {2}; the first is used; record again, rotating the rig in place",
                         by.name(), 1e3 * found.seconds, other.name(), 1e3 * check.seconds
                     ),
                 ));
@@ -53,13 +53,13 @@ impl LatencyStep {
         if let Ok((found, method)) = &offsets.scene {
             let tracker = found.seconds + self.scene_latency();
             lines.push(format!(
-                "tracker latency: {:.2} ± {:.2} ms (with the calibrated {:.1} ms of the scene camera), by {} of {} pictures; correlation {:.3}",
+                "tracker latency: {:.2} ± {:.2} ms (assuming the calibrated {:.1} ms of the scene camera), from {} of {} pictures; correlation {:.3}",
                 1e3 * tracker, 1e3 * found.sigma, 1e3 * self.scene_latency(), method.name(),
                 found.samples, found.correlation
             ));
             if let Some((check, other)) = &offsets.check {
                 lines.push(format!(
-                    "by {} instead: {:.2} ± {:.2} ms",
+                    "tracker latency from {} instead: {:.2} ± {:.2} ms",
                     other.name(),
                     1e3 * (check.seconds + self.scene_latency()),
                     1e3 * check.sigma
@@ -73,7 +73,7 @@ impl LatencyStep {
                     e.correlation
                 )),
                 None if self.environment.pictures > 0 => lines.push(
-                    "environment camera: it does not move, so that its pictures cannot be compared with the tracker; its latency stays as it was".to_owned(),
+                    "environment camera: it does not move, so its pictures cannot be compared with the tracker; its latency is unchanged".to_owned(),
                 ),
                 _ => {}
             }
@@ -82,7 +82,7 @@ impl LatencyStep {
     }
 }
 
-/// Returns a finding if an offset is less than good.
+/// Returns a finding if an offset is not good.
 fn uncertain(camera: &str, found: &ClockOffset) -> Option<(Grade, String)> {
     let grade = match found.sigma {
         s if s <= GOOD && found.correlation >= 0.8 => return None,
@@ -92,7 +92,7 @@ fn uncertain(camera: &str, found: &ClockOffset) -> Option<(Grade, String)> {
     Some((
         grade,
         format!(
-            "{camera}: the offset is known to {:.1} ms only (correlation {:.2}); rotate the rig briskly and irregularly for half a minute",
+            "{camera}: the offset has a standard deviation of {:.1} ms (correlation {:.2}); rotate the rig briskly and irregularly for half a minute",
             1e3 * found.sigma,
             found.correlation
         ),

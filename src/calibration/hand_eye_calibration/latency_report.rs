@@ -12,12 +12,12 @@ const STEP: f64 = 0.002;
 impl LatencyStep {
     pub(super) fn report(
         &self,
-        made: &CalibrationProvenance,
+        provenance: &CalibrationProvenance,
         found: &Finished,
         offsets: Option<&Offsets>,
     ) -> String {
         let facts = [
-            format!("{}, from {}", made.date, made.source),
+            format!("{}, from {}", provenance.date, provenance.source),
             format!(
                 "{} pictures, {} with poses; {} tracker readings",
                 self.scene.pictures,
@@ -38,38 +38,38 @@ impl LatencyStep {
                 })
                 .collect();
             let by_flow = amounts(&self.scene.motions(zero));
-            let shown = match scene {
+            let plotted = match scene {
                 Some((_, OffsetMethod::Poses)) => &by_poses,
                 _ => &by_flow,
             };
             let offset = scene.map_or(0.0, |s| s.0.seconds);
-            self.draw(&mut page, "scene camera", &track, shown, offset);
+            self.plot_camera(&mut page, "scene camera", &track, plotted, offset);
             if self.environment.pictures > 0 {
                 let found = offsets.and_then(|o| o.environment.as_ref()?.as_ref().ok());
                 let offset = found.map_or(0.0, |f| f.seconds);
                 let motions = amounts(&self.environment.motions(zero));
-                self.draw(&mut page, "environment camera", &track, &motions, offset);
+                self.plot_camera(&mut page, "environment camera", &track, &motions, offset);
             }
         }
         page.finish()
     }
 
-    fn draw(
+    fn plot_camera(
         &self,
         page: &mut Page,
         camera: &str,
         track: &TrackerTrack,
-        seen: &[Amount],
+        amounts: &[Amount],
         offset: f64,
     ) {
         page.heading(camera);
-        let by_tracker = speeds(track, seen, offset);
-        let scale = scale(&by_tracker);
-        let camera_speeds: Vec<(f64, f64)> = by_tracker
+        let speeds_at_offset = speeds(track, amounts, offset);
+        let scale = scale(&speeds_at_offset);
+        let camera_speeds: Vec<(f64, f64)> = speeds_at_offset
             .iter()
             .map(|(t, _, camera)| (*t, camera * scale))
             .collect();
-        let tracker: Vec<(f64, f64)> = by_tracker.iter().map(|(t, v, _)| (*t, *v)).collect();
+        let tracker: Vec<(f64, f64)> = speeds_at_offset.iter().map(|(t, v, _)| (*t, *v)).collect();
         let plot = Plot {
             x: "s".to_owned(),
             y: "angular speed, rad/s".to_owned(),
@@ -83,11 +83,11 @@ impl LatencyStep {
         let curve = (-steps..=steps)
             .map(|i| f64::from(i) * STEP)
             .filter_map(|o| {
-                let speeds = speeds(track, seen, o);
+                let speeds = speeds(track, amounts, o);
                 Some((1e3 * o, correlation(&speeds)?))
             });
         let plot = Plot {
-            x: "tracker's clock ahead of the camera's, ms".to_owned(),
+            x: "clock offset, tracker minus camera, ms".to_owned(),
             y: "correlation of the angular speeds".to_owned(),
             series: vec![("correlation".to_owned(), curve.collect(), true)],
         };
@@ -112,8 +112,8 @@ fn amounts(motions: &[CameraMotion]) -> Vec<Amount> {
 }
 
 /// Returns time (seconds), angular speed of the tracker (radians per second), speed of the camera.
-fn speeds(track: &TrackerTrack, seen: &[Amount], offset: f64) -> Vec<(f64, f64, f64)> {
-    let one = |m: &Amount| {
+fn speeds(track: &TrackerTrack, amounts: &[Amount], offset: f64) -> Vec<(f64, f64, f64)> {
+    let speeds = |m: &Amount| {
         let from = track.rotation_at(m.from + offset)?;
         let rotation = from.inverse() * track.rotation_at(m.to + offset)?;
         let span = (m.to - m.from).max(1e-9);
@@ -123,7 +123,7 @@ fn speeds(track: &TrackerTrack, seen: &[Amount], offset: f64) -> Vec<(f64, f64, 
             m.amount / span,
         ))
     };
-    seen.iter().filter_map(one).collect()
+    amounts.iter().filter_map(speeds).collect()
 }
 
 /// Returns the factor that scales the camera's speeds to the tracker's (least squares).

@@ -21,12 +21,12 @@ use penumbra_rig_model::latency_file::OffsetRecord;
 use penumbra_rig_model::tracker_field::TrackerField;
 use penumbra_rig_model::tracker_file::{FieldRecord, PoseRecord, TrackerRecord};
 
-/// Largest clock offset that is tried, seconds.
-const RANGE: f64 = 0.25;
+/// Maximum clock offset that is searched, seconds.
+const MAX_OFFSET: f64 = 0.25;
 /// Maximum number of pairs of poses.
 const MAX_PAIRS: usize = 2400;
-/// Alternations between mounting and distortion.
-const ROUNDS: usize = 4;
+/// Number of alternations between mounting and distortion.
+const ALTERNATIONS: usize = 4;
 /// Assumed 1σ of an offset that was not estimated, seconds.
 const LATENCY_SIGMA: f64 = 0.003;
 
@@ -66,7 +66,7 @@ pub struct MountingStep {
     overlay_points: Vec<DVec2>,
 }
 
-/// Time stamps of the tracker against those of the scene camera.
+/// Offset of the tracker's time stamps from the scene camera's.
 #[derive(Clone, Copy)]
 pub(super) struct StampOffset {
     /// Tracker minus scene camera, seconds.
@@ -82,7 +82,7 @@ pub(super) struct MountingResult {
     pub pairs: Vec<(MonotonicTime, PosePair)>,
     pub offset: StampOffset,
     pub latency_error: Option<LatencyError>,
-    /// The fitted distortion, whether it helps or not.
+    /// The fitted distortion, even if it does not reduce the residuals.
     pub field: Option<FieldFit>,
     /// The mounting without correction of the distortion.
     pub uncorrected: HandEye,
@@ -129,7 +129,7 @@ impl MountingStep {
             LatencyChoice::Calibration => (assumed(calibrated), None),
             LatencyChoice::Estimate => {
                 let rotations = camera_rotations(&self.camera_poses, zero);
-                match from_rotations(&self.readings.track(zero), &rotations, RANGE) {
+                match from_rotations(&self.readings.track(zero), &rotations, MAX_OFFSET) {
                     Ok(found) => {
                         let offset = StampOffset {
                             seconds: found.seconds,
@@ -232,7 +232,7 @@ impl MountingStep {
 
 /// Fits mounting and distortion alternately: each improves the estimate of the other.
 fn fit_distortion(result: &mut MountingResult, plain: &[PosePair]) {
-    for _ in 0..ROUNDS {
+    for _ in 0..ALTERNATIONS {
         let Some(fitted) = fit(&field_samples(plain, &result.hand_eye)) else {
             return;
         };
@@ -256,7 +256,7 @@ fn fit_distortion(result: &mut MountingResult, plain: &[PosePair]) {
     }
 }
 
-/// Returns the error of each reading against the sensor's pose by the pictures.
+/// Returns the error of each reading relative to the sensor's pose from the pictures.
 fn field_samples(pairs: &[PosePair], found: &HandEye) -> Vec<FieldSample> {
     let transmitter_from_world = found.world_from_transmitter.inverse();
     let camera_from_sensor = found.sensor_from_camera.inverse();
@@ -287,8 +287,8 @@ impl Step for MountingStep {
         }
     }
 
-    fn observe(&mut self, shown: &StepInput) {
-        match shown {
+    fn observe(&mut self, input: &StepInput) {
+        match input {
             StepInput::Pose(sample) => self.readings.push(sample),
             StepInput::Picture(picture) => {
                 self.pictures += 1;
@@ -319,7 +319,7 @@ impl Step for MountingStep {
         }
     }
 
-    fn finish(&mut self, made: &CalibrationProvenance) -> Finished {
+    fn finish(&mut self, provenance: &CalibrationProvenance) -> Finished {
         let result = self.solve();
         let mut findings = match &result {
             Ok(result) => self.assess(result),
@@ -336,9 +336,9 @@ impl Step for MountingStep {
             report: String::new(),
             file: None,
         };
-        found.report = self.report(made, &found, result.as_ref().ok());
+        found.report = self.report(provenance, &found, result.as_ref().ok());
         if let (Ok(result), true) = (&result, grade != Grade::Refused) {
-            let record = self.record(result, found.header("tracker", made));
+            let record = self.record(result, found.header("tracker", provenance));
             found.file = serde_json::to_string_pretty(&record).ok();
         }
         found

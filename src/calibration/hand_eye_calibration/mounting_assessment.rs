@@ -6,7 +6,7 @@ use penumbra_rig_model::Grade;
 
 /// Maximum 1σ of a good pose of the camera on the sensor, metres and radians.
 const GOOD: (f64, f64) = (0.001, 0.001_75);
-/// Maximum 1σ of a usable one.
+/// Maximum 1σ of a usable pose, metres and radians.
 const USABLE: (f64, f64) = (0.005, 0.008_7);
 /// RMS of the position residuals above which the tracker's space is distorted, metres.
 const DISTORTED: f64 = 0.006;
@@ -20,7 +20,7 @@ impl MountingStep {
             found.sensor_sigma.1.max_element(),
         );
         let text = format!(
-            "the camera's pose on the sensor is known to {:.1} mm and {:.2} degrees only; rotate the rig by 30 degrees or more about all axes for a minute",
+            "the camera's pose on the sensor has standard deviations of {:.1} mm and {:.2} degrees; rotate the rig by 30 degrees or more about all axes for a minute",
             1e3 * translation,
             rotation.to_degrees()
         );
@@ -56,7 +56,7 @@ impl MountingStep {
             Some(fit) if !fit.helps() => Some((
                 Grade::Usable,
                 format!(
-                    "a distortion map would not help and was not written: on held-out poses the residual is {:.2} mm with it, {:.2} mm without",
+                    "a distortion map would not help and was not written: the residual of held-out poses is {:.2} mm with it, {:.2} mm without",
                     1e3 * fit.after.0,
                     1e3 * fit.before.0
                 ),

@@ -14,12 +14,12 @@ impl MountingStep {
         let used = found.used.iter().filter(|u| **u).count();
         let offset = result.offset;
         let mut lines = vec![
-            described(
+            describe(
                 "camera on the sensor",
                 found.sensor_from_camera,
                 found.sensor_sigma,
             ),
-            described(
+            describe(
                 "transmitter in the world",
                 found.world_from_transmitter,
                 found.transmitter_sigma,
@@ -58,12 +58,12 @@ impl MountingStep {
 
     pub(super) fn report(
         &self,
-        made: &CalibrationProvenance,
+        provenance: &CalibrationProvenance,
         found: &Finished,
         result: Option<&MountingResult>,
     ) -> String {
         let facts = [
-            format!("{}, from {}", made.date, made.source),
+            format!("{}, from {}", provenance.date, provenance.source),
             format!(
                 "{} poses from {} pictures; {} tracker readings",
                 self.camera_poses.len(),
@@ -80,8 +80,8 @@ impl MountingStep {
     }
 }
 
-fn described(
-    what: &str,
+fn describe(
+    name: &str,
     pose: RigidTransform,
     (rotation_sigma, position_sigma): (DVec3, DVec3),
 ) -> String {
@@ -89,7 +89,7 @@ fn described(
     let (z, y, x) = pose.rotation.to_euler(EulerRot::ZYX);
     let angles = [z, y, x].map(f64::to_degrees);
     format!(
-        "{what}: {:.1}, {:.1}, {:.1} mm ± {:.2} mm; azimuth, elevation, roll {:.2}, {:.2}, {:.2} ± {:.3} degrees",
+        "{name}: {:.1}, {:.1}, {:.1} mm ± {:.2} mm; azimuth, elevation, roll {:.2}, {:.2}, {:.2} ± {:.3} degrees",
         p.x,
         p.y,
         p.z,

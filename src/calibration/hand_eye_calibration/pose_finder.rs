@@ -2,7 +2,7 @@
 
 use crate::intrinsics::detect::{Placement, find_chessboard};
 use crate::intrinsics::{Board, Correspondence, Grey, board_pose};
-use crate::simulation::lying;
+use crate::simulation::flat_on_table;
 use glam::{DVec2, DVec3};
 use penumbra_camera::Lens;
 use penumbra_camera::PinholeCamera;
@@ -140,7 +140,7 @@ fn find_board(
             }
         }
     };
-    let camera_from_board = (lying(0.0, DVec3::ZERO).inverse() * pose).inverse();
+    let camera_from_board = (flat_on_table(0.0, DVec3::ZERO).inverse() * pose).inverse();
     let rms = root_mean_square(points.iter().map(|c| {
         let projected = lens.project(camera_from_board.transform_point(c.point.extend(0.0)));
         projected.map_or(f64::INFINITY, |p| p.distance(c.pixel))
@@ -155,5 +155,5 @@ fn find_board(
 
 /// Returns `world_from_camera`, with the world's +Z out of the paper.
 fn pose(lens: &Lens, points: &[Correspondence]) -> Option<RigidTransform> {
-    Some(lying(0.0, DVec3::ZERO) * board_pose(lens, points)?.inverse())
+    Some(flat_on_table(0.0, DVec3::ZERO) * board_pose(lens, points)?.inverse())
 }

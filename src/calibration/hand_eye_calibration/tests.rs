@@ -15,8 +15,8 @@ use penumbra_rig_model::RigDocument;
 use penumbra_rig_model::latency_file::{LATENCY, apply_latency_file};
 use penumbra_rig_model::tracker_file::{TRACKER, apply_tracker_file};
 
-fn rig(rehearsal: &SimulatedRig) -> RigDocument {
-    RigDocument::parse(rehearsal.rig_json().to_string().as_bytes()).unwrap()
+fn rig(simulated: &SimulatedRig) -> RigDocument {
+    RigDocument::parse(simulated.rig_json().to_string().as_bytes()).unwrap()
 }
 
 fn instant(seconds: f64) -> MonotonicTime {
@@ -35,13 +35,13 @@ fn noisy(
     )
 }
 
-/// The pose of every picture with the noise of tags, 0.05° and 0.6 mm; some are flipped.
-fn camera_poses(rehearsal: &SimulatedRig, random: &mut Random) -> Vec<CameraPose> {
-    let options = &rehearsal.options;
+/// Returns the pose of every picture with the noise of tags, 0.05° and 0.6 mm; some poses are flipped.
+fn camera_poses(simulated: &SimulatedRig, random: &mut Random) -> Vec<CameraPose> {
+    let options = &simulated.options;
     let count = (30.0 * options.seconds) as i32;
     let one = |i: i32| {
         let at = 0.5 + f64::from(i) / 30.0 + 0.001 * random.normal();
-        let mut pose = noisy(rehearsal.world_from_camera(at), 0.0009, 0.0006, random);
+        let mut pose = noisy(simulated.world_from_camera(at), 0.0009, 0.0006, random);
         if random.uniform() < 0.02 {
             pose = noisy(pose, 0.3, 0.05, random);
         }
@@ -55,14 +55,14 @@ fn camera_poses(rehearsal: &SimulatedRig, random: &mut Random) -> Vec<CameraPose
     (0..count).map(one).collect()
 }
 
-fn readings(rehearsal: &SimulatedRig, random: &mut Random) -> Vec<PoseSample> {
-    let options = &rehearsal.options;
+fn readings(simulated: &SimulatedRig, random: &mut Random) -> Vec<PoseSample> {
+    let options = &simulated.options;
     let count = (120.0 * (options.seconds + 1.0)) as i32;
     let one = |i: i32| {
         let at = f64::from(i) / 120.0;
         PoseSample {
             station: 1,
-            transmitter_from_sensor: rehearsal.measured(at, random),
+            transmitter_from_sensor: simulated.measured(at, random),
             arrived_at: instant(at + options.tracker_latency + 0.0003 * random.normal()),
             error: None,
         }
@@ -70,23 +70,30 @@ fn readings(rehearsal: &SimulatedRig, random: &mut Random) -> Vec<PoseSample> {
     (0..count).map(one).collect()
 }
 
-fn mounted(options: SimulationOptions, wanted: MountingOptions) -> (SimulatedRig, Finished) {
-    let rehearsal = SimulatedRig::new(options);
-    let mut random = Random::new(rehearsal.options.seed + 77);
-    let tags = TagMap::new(rehearsal.tags.clone()).unwrap();
-    let mut step = MountingStep::new(&rig(&rehearsal).calibration, Landmarks::Tags(tags), wanted);
-    for sample in readings(&rehearsal, &mut random) {
+fn calibrate_mounting(
+    options: SimulationOptions,
+    mounting: MountingOptions,
+) -> (SimulatedRig, Finished) {
+    let simulated = SimulatedRig::new(options);
+    let mut random = Random::new(simulated.options.seed + 77);
+    let tags = TagMap::new(simulated.tags.clone()).unwrap();
+    let mut step = MountingStep::new(
+        &rig(&simulated).calibration,
+        Landmarks::Tags(tags),
+        mounting,
+    );
+    for sample in readings(&simulated, &mut random) {
         step.observe(&StepInput::Pose(&sample));
     }
-    step.camera_poses = camera_poses(&rehearsal, &mut random);
+    step.camera_poses = camera_poses(&simulated, &mut random);
     let found = step.finish(&CalibrationProvenance::default());
-    (rehearsal, found)
+    (simulated, found)
 }
 
-/// The rig's calibration with the result applied.
-fn applied(rehearsal: &SimulatedRig, found: &Finished) -> RigDocument {
+/// Returns the rig's calibration with the result applied.
+fn apply(simulated: &SimulatedRig, found: &Finished) -> RigDocument {
     let file = found.file.clone().expect("a file");
-    let mut rig = rig(rehearsal);
+    let mut rig = rig(simulated);
     let get = |name: &str| match name {
         TRACKER | LATENCY => Some(file.as_bytes()),
         _ => None,
@@ -100,9 +107,9 @@ fn applied(rehearsal: &SimulatedRig, found: &Finished) -> RigDocument {
 }
 
 /// Returns the error of the camera's mounting, metres and degrees.
-fn mounting_error(rehearsal: &SimulatedRig, rig: &RigDocument) -> (f64, f64) {
+fn mounting_error(simulated: &SimulatedRig, rig: &RigDocument) -> (f64, f64) {
     let found = rig.calibration.tracker.as_ref().unwrap();
-    let (a, b) = (found.sensor_from_scene_camera, rehearsal.sensor_from_camera);
+    let (a, b) = (found.sensor_from_scene_camera, simulated.sensor_from_camera);
     (
         a.translation.distance(b.translation),
         a.rotation.angle_between(b.rotation).to_degrees(),
@@ -110,14 +117,14 @@ fn mounting_error(rehearsal: &SimulatedRig, rig: &RigDocument) -> (f64, f64) {
 }
 
 /// Returns the RMS position error of the composed pose on another path through the same room, metres.
-fn registration_rms(rehearsal: &SimulatedRig, rig: &RigDocument) -> f64 {
+fn registration_rms(simulated: &SimulatedRig, rig: &RigDocument) -> f64 {
     let tracker = rig.calibration.tracker.as_ref().unwrap();
     let mut random = Random::new(9);
     let mut sum = 0.0;
     for i in 0..300 {
-        let at = 0.5 + rehearsal.options.seconds * f64::from(i) / 300.0;
-        let composed = tracker.world_from_scene_camera(rehearsal.measured(at, &mut random));
-        let truth = rehearsal.world_from_camera(at);
+        let at = 0.5 + simulated.options.seconds * f64::from(i) / 300.0;
+        let composed = tracker.world_from_scene_camera(simulated.measured(at, &mut random));
+        let truth = simulated.world_from_camera(at);
         sum += composed.translation.distance_squared(truth.translation);
     }
     (sum / 300.0).sqrt()
@@ -134,17 +141,17 @@ fn recovers_mounting_within_a_millimetre_and_a_tenth_of_a_degree() {
             jumps: 0.01,
             ..SimulationOptions::default()
         };
-        let (rehearsal, found) = mounted(options, MountingOptions::default());
+        let (simulated, found) = calibrate_mounting(options, MountingOptions::default());
         assert_eq!(found.grade, Grade::Good, "{seed}: {:?}", found.findings);
-        let rig = applied(&rehearsal, &found);
-        let (position, rotation) = mounting_error(&rehearsal, &rig);
+        let rig = apply(&simulated, &found);
+        let (position, rotation) = mounting_error(&simulated, &rig);
         assert!(
             position < 0.001 && rotation < 0.1,
             "{seed}: {position} m, {rotation}°"
         );
         let tracker = rig.calibration.tracker.as_ref().unwrap();
         let transmitter = tracker.world_from_transmitter;
-        let truth = rehearsal.world_from_transmitter;
+        let truth = simulated.world_from_transmitter;
         assert!(
             transmitter.translation.distance(truth.translation) < 0.003,
             "{seed}"
@@ -158,35 +165,35 @@ fn recovers_mounting_within_a_millimetre_and_a_tenth_of_a_degree() {
 #[test]
 fn corrects_distortion_only_where_that_helps() {
     for seed in [3, 11] {
-        let bent = SimulationOptions {
+        let distorted = SimulationOptions {
             seed,
             metal: 0.012,
             seconds: 40.0,
             ..SimulationOptions::default()
         };
-        let wanted = MountingOptions {
+        let mounting = MountingOptions {
             distortion: true,
             ..MountingOptions::default()
         };
-        let (rehearsal, plain) = mounted(bent.clone(), MountingOptions::default());
-        let (_, found) = mounted(bent, wanted.clone());
-        let with = applied(&rehearsal, &found);
+        let (simulated, plain) = calibrate_mounting(distorted.clone(), MountingOptions::default());
+        let (_, found) = calibrate_mounting(distorted, mounting.clone());
+        let with = apply(&simulated, &found);
         assert!(with.calibration.tracker.as_ref().unwrap().field.is_some());
-        let without = plain.file.is_some().then(|| applied(&rehearsal, &plain));
+        let without = plain.file.is_some().then(|| apply(&simulated, &plain));
         let (before, after) = (
-            without.map_or(1.0, |w| registration_rms(&rehearsal, &w)),
-            registration_rms(&rehearsal, &with),
+            without.map_or(1.0, |w| registration_rms(&simulated, &w)),
+            registration_rms(&simulated, &with),
         );
         assert!(
             after < 0.6 * before && after < 0.003,
             "{seed}: {before} {after}"
         );
-        let straight = SimulationOptions {
+        let undistorted = SimulationOptions {
             seed,
             ..SimulationOptions::default()
         };
-        let (rehearsal, found) = mounted(straight, wanted);
-        let rig = applied(&rehearsal, &found);
+        let (simulated, found) = calibrate_mounting(undistorted, mounting);
+        let rig = apply(&simulated, &found);
         assert!(rig.calibration.tracker.as_ref().unwrap().field.is_none());
         assert!(
             found
@@ -210,7 +217,7 @@ fn refuses_degenerate_motion_with_its_reason() {
             motion,
             ..SimulationOptions::default()
         };
-        let (_, found) = mounted(options, MountingOptions::default());
+        let (_, found) = calibrate_mounting(options, MountingOptions::default());
         assert_eq!(found.grade, Grade::Refused, "{motion:?}");
         assert!(found.file.is_none());
         let first = &found.findings[0].1;
@@ -220,9 +227,9 @@ fn refuses_degenerate_motion_with_its_reason() {
 
 #[test]
 fn reports_missing_readings() {
-    let rehearsal = SimulatedRig::new(SimulationOptions::default());
-    let tags = TagMap::new(rehearsal.tags.clone()).unwrap();
-    let calibration = rig(&rehearsal).calibration;
+    let simulated = SimulatedRig::new(SimulationOptions::default());
+    let tags = TagMap::new(simulated.tags.clone()).unwrap();
+    let calibration = rig(&simulated).calibration;
     let mut step = MountingStep::new(
         &calibration,
         Landmarks::Tags(tags),
@@ -248,21 +255,21 @@ fn reports_missing_readings() {
 }
 
 /// Runs the step on poses alone: rendered tests cover the pictures.
-fn latency(options: SimulationOptions) -> (SimulatedRig, Finished) {
-    let rehearsal = SimulatedRig::new(options);
-    let mut random = Random::new(rehearsal.options.seed + 5);
+fn calibrate_latency(options: SimulationOptions) -> (SimulatedRig, Finished) {
+    let simulated = SimulatedRig::new(options);
+    let mut random = Random::new(simulated.options.seed + 5);
     let mut step = LatencyStep::new(
-        &rig(&rehearsal).calibration,
+        &rig(&simulated).calibration,
         None,
         LatencyOptions::default(),
     );
-    for sample in readings(&rehearsal, &mut random) {
+    for sample in readings(&simulated, &mut random) {
         step.observe(&StepInput::Pose(&sample));
     }
-    step.camera_poses = camera_poses(&rehearsal, &mut random);
+    step.camera_poses = camera_poses(&simulated, &mut random);
     step.zero = step.camera_poses.first().map(|s| s.stamp);
     let found = step.finish(&CalibrationProvenance::default());
-    (rehearsal, found)
+    (simulated, found)
 }
 
 #[test]
@@ -275,9 +282,9 @@ fn recovers_latency_within_a_millisecond() {
             tracker_noise: (0.5, 0.1),
             ..SimulationOptions::default()
         };
-        let (rehearsal, found) = latency(options.clone());
+        let (simulated, found) = calibrate_latency(options.clone());
         assert_eq!(found.grade, Grade::Good, "{:?}", found.findings);
-        let rig = applied(&rehearsal, &found);
+        let rig = apply(&simulated, &found);
         let tracker = rig.calibration.tracker.as_ref().unwrap();
         let error = 1e-9 * tracker.latency_nanos as f64 - options.tracker_latency;
         assert!(error.abs() < 0.001, "{seed}: {error}");
@@ -294,7 +301,7 @@ fn refuses_motion_that_does_not_determine_the_latency() {
             tracker_noise: (0.5, 0.1),
             ..SimulationOptions::default()
         };
-        let (_, found) = latency(options);
+        let (_, found) = calibrate_latency(options);
         assert_eq!(found.grade, Grade::Refused, "{motion:?} {:?}", found.lines);
         assert!(found.file.is_none());
     }
@@ -302,7 +309,8 @@ fn refuses_motion_that_does_not_determine_the_latency() {
 
 #[test]
 fn rejects_refused_or_invalid_files() {
-    let (rehearsal, found) = mounted(SimulationOptions::default(), MountingOptions::default());
+    let (simulated, found) =
+        calibrate_mounting(SimulationOptions::default(), MountingOptions::default());
     let file = found.file.unwrap();
     for (from, to, message) in [
         (
@@ -331,10 +339,10 @@ fn rejects_refused_or_invalid_files() {
             "length 1",
         ),
     ] {
-        let spoilt = file.replacen(from, to, 1);
-        assert_ne!(spoilt, file, "{from}");
-        let get = |name: &str| (name == TRACKER).then_some(spoilt.as_bytes());
-        let error = apply_tracker_file(&mut rig(&rehearsal), &get)
+        let corrupted = file.replacen(from, to, 1);
+        assert_ne!(corrupted, file, "{from}");
+        let get = |name: &str| (name == TRACKER).then_some(corrupted.as_bytes());
+        let error = apply_tracker_file(&mut rig(&simulated), &get)
             .unwrap_err()
             .to_string();
         assert!(

@@ -9,32 +9,32 @@
 
 use super::model::{CameraMotion, ClockOffset, LatencyError};
 use super::scan::{Fit, scan};
-use super::selection::{SPAN, covered, independent, settle, within};
+use super::selection::{SPAN, accept_minimum, covered_spans, independent_count, spans_within};
 use super::track::TrackerTrack;
 use glam::DVec3;
 use penumbra_numerics::{Matrix, median_absolute, root_mean_square, rotation_vector};
 
-/// Components of a flow.
+/// Number of components of a flow.
 const COMPONENTS: usize = 4;
-/// Coefficients of a component for the rotation about three axes,
+/// Number of a component's coefficients for the rotation about three axes.
 const ROTATION_COEFFICIENTS: usize = 3;
-/// and in all, with those for the translation along three axes and for the change of inverse depth with
-/// the position along three axes.
+/// Number of all coefficients of a component: also those for the translation along three axes and for
+/// the change of inverse depth with the position along three axes.
 const COEFFICIENTS: usize = ROTATION_COEFFICIENTS + 3 + 9;
 /// Minimum number of independent spans: fewer are fitted by chance.
 const MIN_INDEPENDENT: f64 = 30.0;
-/// Seconds over which flows are summed for comparison.
+/// Interval over which flows are summed for comparison, seconds.
 const SUM_SECONDS: f64 = 0.13;
 /// Motions with a residual of more than this number of σ are rejected as jumps of the picture.
 const OUTLIER: f64 = 6.0;
-/// If even the worst offset leaves no more than this share of the squares, the coefficients compensate
-/// for any offset: a harmonic oscillation fits a delayed one with other coefficients.
+/// Minimum share of the squares that the worst offset leaves. If it leaves less, the coefficients
+/// compensate for any offset: a harmonic oscillation fits a delayed one with other coefficients.
 const MIN_WORST: f64 = 0.03;
 /// Relative ridge added to the normal equations of the coefficients: motion about one axis leaves the
 /// coefficients of the others undetermined.
 const RIDGE: f64 = 1e-9;
 
-/// Finds the offset from flows, fitting them by the tracker's rotation and translation at each offset.
+/// Finds the offset from flows, fitted by the tracker's rotation and translation at each offset.
 ///
 /// # Errors
 /// As [`super::from_rotations`].
@@ -44,51 +44,51 @@ pub fn from_flow(
     range: f64,
 ) -> Result<ClockOffset, LatencyError> {
     let spans: Vec<(f64, f64)> = motions.iter().map(|m| (m.from, m.to)).collect();
-    let kept = within(track, &spans, range)?;
+    let kept = spans_within(track, &spans, range)?;
     let length = kept.iter().map(|&i| spans[i].1 - spans[i].0).sum::<f64>() / kept.len() as f64;
-    let spans_alone = independent(&spans, &kept);
-    if spans_alone < MIN_INDEPENDENT {
+    let independent_spans = independent_count(&spans, &kept);
+    if independent_spans < MIN_INDEPENDENT {
         return Err(LatencyError::TooShort {
             samples: kept.len(),
             needed: (MIN_INDEPENDENT * SPAN / length).ceil() as usize,
         });
     }
     // First with components weighted by their RMS, then by their residuals, without jumps.
-    let all = Compared::new(track, motions, &kept, length);
+    let all = SummedMotions::new(track, motions, &kept, length);
     let rms = all.component_rms();
     let rough = scan(|offset| all.fit(offset, &rms), range, COMPONENTS);
     let rough = rough.ok_or(LatencyError::Uncorrelated { percent: 0.0 })?;
-    let (noise, jumped) = all
+    let (noise, outliers) = all
         .noise(rough.offset)
         .ok_or(LatencyError::Uncorrelated { percent: 0.0 })?;
-    let steady = kept.into_iter().zip(jumped);
-    let steady = steady.filter(|(_, jumped)| !jumped).map(|(i, _)| i);
-    let kept = covered(track, &spans, steady.collect(), rough.offset)?;
-    let steady = Compared::new(track, motions, &kept, length);
-    let found = scan(|offset| steady.fit(offset, &noise), range, COMPONENTS);
+    let inliers = kept.into_iter().zip(outliers);
+    let inliers = inliers.filter(|(_, outlier)| !outlier).map(|(i, _)| i);
+    let kept = covered_spans(track, &spans, inliers.collect(), rough.offset)?;
+    let inliers = SummedMotions::new(track, motions, &kept, length);
+    let found = scan(|offset| inliers.fit(offset, &noise), range, COMPONENTS);
     if found.as_ref().is_some_and(|f| f.worst < MIN_WORST) {
         return Err(LatencyError::AnyOffset);
     }
     let fitted = (COEFFICIENTS + 1) as f64;
-    let alone = spans_alone * SPAN / SUM_SECONDS;
-    settle(found, range, alone, (fitted, kept.len()))
+    let independent_sums = independent_spans * SPAN / SUM_SECONDS;
+    accept_minimum(found, range, independent_sums, (fitted, kept.len()))
 }
 
 /// Flows and the tracker's motion, both summed over the same successive pictures.
-struct Compared<'a> {
+struct SummedMotions<'a> {
     track: &'a TrackerTrack,
     spans: Vec<(f64, f64)>,
     flows: Vec<[f64; COMPONENTS]>,
-    /// Number of pictures that are summed.
-    together: usize,
+    /// Number of successive pairs of pictures that are summed.
+    sum_length: usize,
     /// Mean position of the tracker.
     mean_position: DVec3,
     coefficients: usize,
     /// Share of the squares that a fit to unrelated motions leaves.
-    by_chance: f64,
+    unrelated_share: f64,
 }
 
-impl<'a> Compared<'a> {
+impl<'a> SummedMotions<'a> {
     fn new(track: &'a TrackerTrack, motions: &[CameraMotion], kept: &[usize], length: f64) -> Self {
         let seen = kept.iter().map(|&i| &motions[i]);
         let spans: Vec<(f64, f64)> = seen.clone().map(|m| (m.from, m.to)).collect();
@@ -96,23 +96,23 @@ impl<'a> Compared<'a> {
             let flow = &m.flow;
             [flow.shift.x, flow.shift.y, flow.growth, flow.rotation]
         };
-        let together = ((SUM_SECONDS / length) as usize).clamp(1, kept.len().max(4) / 4);
+        let sum_length = ((SUM_SECONDS / length) as usize).clamp(1, kept.len().max(4) / 4);
         let coefficients = if track.has_positions() {
             COEFFICIENTS
         } else {
             ROTATION_COEFFICIENTS
         };
         let all: Vec<usize> = (0..spans.len()).collect();
-        let alone = independent(&spans, &all) * SPAN / SUM_SECONDS;
-        let alone = alone.max(coefficients as f64 + 1.0);
+        let independent_sums = independent_count(&spans, &all) * SPAN / SUM_SECONDS;
+        let independent_sums = independent_sums.max(coefficients as f64 + 1.0);
         Self {
             track,
-            flows: summed(&seen.map(components).collect::<Vec<_>>(), together),
+            flows: summed(&seen.map(components).collect::<Vec<_>>(), sum_length),
             spans,
-            together,
+            sum_length,
             mean_position: track.mean_position(),
             coefficients,
-            by_chance: (alone - coefficients as f64) / alone,
+            unrelated_share: (independent_sums - coefficients as f64) / independent_sums,
         }
     }
 
@@ -139,7 +139,7 @@ impl<'a> Compared<'a> {
             Some(motion)
         };
         let each: Option<Vec<_>> = self.spans.iter().map(one).collect();
-        Some(summed(&each?, self.together))
+        Some(summed(&each?, self.sum_length))
     }
 
     /// Returns the residuals of each component with the best coefficients at an offset.
@@ -182,7 +182,7 @@ impl<'a> Compared<'a> {
         let power: f64 = in_units(&self.flows).iter().map(|v| v * v).sum();
         Some(Fit::new(
             in_units(&self.residuals(offset)?),
-            power * self.by_chance,
+            power * self.unrelated_share,
         ))
     }
 
@@ -195,19 +195,22 @@ impl<'a> Compared<'a> {
             let robust = 1.4826 * median_absolute(residuals.iter().map(|r| r[k]));
             robust.max(0.01 * rms[k]).max(1e-12)
         });
-        let far = |r: &[f64; COMPONENTS]| (0..COMPONENTS).any(|k| r[k].abs() > OUTLIER * noise[k]);
-        let sums: Vec<bool> = residuals.iter().map(far).collect();
+        let is_outlier =
+            |r: &[f64; COMPONENTS]| (0..COMPONENTS).any(|k| r[k].abs() > OUTLIER * noise[k]);
+        let sums: Vec<bool> = residuals.iter().map(is_outlier).collect();
         // A jump affects all sums that contain it, and no others.
-        let jumped = |i: usize| {
-            let first = (i + 1).saturating_sub(self.together);
-            sums[first..sums.len().min(i + 1)].iter().all(|far| *far)
+        let is_jump = |i: usize| {
+            let first = (i + 1).saturating_sub(self.sum_length);
+            sums[first..sums.len().min(i + 1)]
+                .iter()
+                .all(|outlier| *outlier)
         };
-        Some((noise, (0..self.spans.len()).map(jumped).collect()))
+        Some((noise, (0..self.spans.len()).map(is_jump).collect()))
     }
 }
 
-/// Returns the sums of every `together` successive values.
-fn summed<const N: usize>(values: &[[f64; N]], together: usize) -> Vec<[f64; N]> {
+/// Returns the sums of every `sum_length` successive values.
+fn summed<const N: usize>(values: &[[f64; N]], sum_length: usize) -> Vec<[f64; N]> {
     let sum = |w: &[[f64; N]]| std::array::from_fn(|k| w.iter().map(|v| v[k]).sum());
-    values.windows(together).map(sum).collect()
+    values.windows(sum_length).map(sum).collect()
 }

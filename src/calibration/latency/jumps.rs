@@ -1,39 +1,42 @@
-//! Momentary jumps of a tracker's readings: a flipped bit, metal moved past the sensor.
+//! Removes momentary jumps from a tracker's readings, e.g. by a flipped bit or by metal moved past the
+//! sensor.
 
 use penumbra_interface::RigidTransform;
 use penumbra_numerics::median;
 
-/// A jump deviates by this multiple of the median deviation,
-const JUMP: f64 = 8.0;
-/// and by more than this with neighbours `MIN_JUMP_SECONDS` apart, metres and radians: a hand cannot
-/// accelerate as quickly.
+/// Minimum deviation of a jump, as a multiple of the median deviation.
+const MIN_JUMP_RATIO: f64 = 8.0;
+/// Minimum deviation of a jump whose neighbours are `MIN_JUMP_SECONDS` apart, metres and radians: a
+/// hand cannot accelerate as quickly.
 const MIN_JUMP: [f64; 2] = [0.003, 0.01];
+/// Interval between the neighbours to which `MIN_JUMP` applies, seconds.
 const MIN_JUMP_SECONDS: f64 = 0.016;
-/// Rounds of rejection: adjacent jumps mask one another until the larger is removed.
-const ROUNDS: usize = 4;
+/// Maximum number of passes: adjacent jumps mask one another until the larger is removed.
+const MAX_PASSES: usize = 4;
 
-/// Removes readings that deviate from the line between their neighbours by far, and by more than the
-/// neighbours do from theirs. Time stamps in seconds, increasing.
+/// Removes readings that deviate strongly from the line between their neighbours, and by more than
+/// the neighbours deviate from theirs. Time stamps in seconds, increasing.
 pub(crate) fn without_jumps(
     mut readings: Vec<(f64, RigidTransform)>,
 ) -> Vec<(f64, RigidTransform)> {
-    for _ in 0..ROUNDS {
+    for _ in 0..MAX_PASSES {
         let deviations: Vec<[f64; 2]> = (0..readings.len())
             .map(|i| deviation(&readings, i))
             .collect();
         let typical = [0, 1].map(|k| median(deviations.iter().map(|d| d[k])).unwrap_or(0.0));
-        let jumps = |i: usize, k: usize| {
-            let over = readings
+        let is_jump = |i: usize, k: usize| {
+            let interval = readings
                 .get(i + 1)
                 .map_or(0.0, |next| next.0 - readings[i - 1].0);
-            let min = MIN_JUMP[k] * (over / MIN_JUMP_SECONDS).powi(2).max(1.0);
+            let min = MIN_JUMP[k] * (interval / MIN_JUMP_SECONDS).powi(2).max(1.0);
             let after = deviations.get(i + 1).map_or(0.0, |d| d[k]);
-            let beside = deviations[i - 1][k].max(after);
-            deviations[i][k] > (JUMP * typical[k]).max(min) && deviations[i][k] >= beside
+            let of_neighbours = deviations[i - 1][k].max(after);
+            deviations[i][k] > (MIN_JUMP_RATIO * typical[k]).max(min)
+                && deviations[i][k] >= of_neighbours
         };
         let last = readings.len().saturating_sub(1);
         let kept: Vec<bool> = (0..readings.len())
-            .map(|i| i == 0 || i == last || !(jumps(i, 0) || jumps(i, 1)))
+            .map(|i| i == 0 || i == last || !(is_jump(i, 0) || is_jump(i, 1)))
             .collect();
         if kept.iter().all(|kept| *kept) {
             break;

@@ -45,10 +45,10 @@ pub struct CameraMotion {
 pub enum LatencyError {
     /// Too few pictures within the tracker's record.
     #[error(
-        "{samples} pictures overlap the tracker's readings, at least {needed} are needed; move the rig for ten seconds"
+        "only {samples} pictures overlap the tracker's readings, {needed} are needed; move the rig for ten seconds"
     )]
     TooShort {
-        /// Pictures that do.
+        /// Pictures that overlap.
         samples: usize,
         /// Pictures needed.
         needed: usize,
@@ -64,10 +64,10 @@ pub enum LatencyError {
     /// The tracker hardly rotated.
     #[error("the rig is at rest; rotate it briskly back and forth")]
     AtRest,
-    /// The best offset is the largest one tried.
+    /// The best offset is at the limit of the search.
     #[error("the clocks differ by more than {seconds:.2} s; check the time stamps")]
     OutOfRange {
-        /// Largest offset tried.
+        /// Maximum offset that was searched.
         seconds: f64,
     },
     /// Several offsets explain the motion, as it is periodic.
@@ -87,7 +87,7 @@ pub enum LatencyError {
     AnyOffset,
     /// The standard deviation is too large.
     #[error(
-        "the offset is known to {millis:.1} ms only; rotate the rig more briskly and for longer"
+        "the offset has a standard deviation of {millis:.1} ms; rotate the rig more briskly and for longer"
     )]
     Uncertain {
         /// 1σ, milliseconds.

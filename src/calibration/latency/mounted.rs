@@ -16,7 +16,7 @@
 use super::image_motion::MAX_PATCHES;
 use super::model::{CameraMotion, ClockOffset, LatencyError};
 use super::scan::{Fit, scan};
-use super::selection::{covered, independent, settle, within};
+use super::selection::{accept_minimum, covered_spans, independent_count, spans_within};
 use super::track::TrackerTrack;
 use glam::{DVec2, DVec3};
 use penumbra_camera::PinholeCamera;
@@ -84,26 +84,26 @@ pub fn from_patches(
     range: f64,
 ) -> Result<ClockOffset, LatencyError> {
     let spans: Vec<(f64, f64)> = motions.iter().map(|m| (m.from, m.to)).collect();
-    let kept = within(track, &spans, range)?;
+    let kept = spans_within(track, &spans, range)?;
     let width = f64::from(mounted.camera.width) / mounted.camera.focal.x;
     let thinned: Vec<usize> = kept
         .iter()
         .copied()
         .step_by(kept.len().div_ceil(MAX_ROUGH_PAIRS))
         .collect();
-    let some = PatchPairs::new(track, motions, &thinned, mounted);
-    let first = INITIAL_NOISE * width;
-    let rough = scan(|offset| some.fit(offset, first), range, RESIDUALS);
+    let sparse = PatchPairs::new(track, motions, &thinned, mounted);
+    let initial_noise = INITIAL_NOISE * width;
+    let rough = scan(|offset| sparse.fit(offset, initial_noise), range, RESIDUALS);
     let rough = rough.ok_or(LatencyError::Uncorrelated { percent: 0.0 })?;
-    let noise = some.noise(rough.offset, first);
-    let noise = noise.map_or(first, |n| n.max(MIN_NOISE * width));
-    let kept = covered(track, &spans, kept, rough.offset)?;
+    let noise = sparse.noise(rough.offset, initial_noise);
+    let noise = noise.map_or(initial_noise, |n| n.max(MIN_NOISE * width));
+    let kept = covered_spans(track, &spans, kept, rough.offset)?;
     let all = PatchPairs::new(track, motions, &kept, mounted);
     let found = scan(|offset| all.fit(offset, noise), range, RESIDUALS);
-    settle(
+    accept_minimum(
         found,
         range,
-        independent(&spans, &kept),
+        independent_count(&spans, &kept),
         (FITTED, kept.len()),
     )
 }
@@ -155,7 +155,7 @@ impl<'a> PatchPairs<'a> {
         }
     }
 
-    /// Compares all patches at an offset; patches that were lost are zero.
+    /// Compares all patches at an offset; patches that could not be tracked are zero.
     fn compared(&self, offset: f64) -> Option<Vec<Compared>> {
         let mut out = Vec::with_capacity(self.pairs.len() * MAX_PATCHES);
         for pair in &self.pairs {
@@ -182,19 +182,20 @@ impl<'a> PatchPairs<'a> {
             [cauchy_root(along), cauchy_root(across)]
         });
         let residuals: Vec<f64> = residuals.collect();
-        let still = compared.iter().map(|c| c.moved / noise);
-        let power = still
+        let displacements = compared.iter().map(|c| c.moved / noise);
+        let power = displacements
             .map(|m| cauchy_root(m.x).powi(2) + cauchy_root(m.y).powi(2))
             .sum();
         Some(Fit::new(residuals, power))
     }
 
     /// Returns the robust standard deviation (1.4826 MAD) of the residuals across b, as a tangent.
-    fn noise(&self, offset: f64, first: f64) -> Option<f64> {
+    fn noise(&self, offset: f64, initial_noise: f64) -> Option<f64> {
         let compared = self.compared(offset)?;
-        let inverse_depth = inverse_depth(&compared, first);
-        let followed = compared.iter().filter(|c| c.moved != DVec2::ZERO);
-        let across = followed.map(|c| along_and_across(c, inverse_depth, first)[1] * first);
+        let inverse_depth = inverse_depth(&compared, initial_noise);
+        let tracked = compared.iter().filter(|c| c.moved != DVec2::ZERO);
+        let across =
+            tracked.map(|c| along_and_across(c, inverse_depth, initial_noise)[1] * initial_noise);
         Some(1.4826 * median_absolute(across))
     }
 }
@@ -232,11 +233,11 @@ fn inverse_depth(compared: &[Compared], noise: f64) -> f64 {
 fn along_and_across(c: &Compared, inverse_depth: f64, noise: f64) -> [f64; 2] {
     let length = c.by_inverse_depth.length();
     let direction = c.by_inverse_depth.try_normalize().unwrap_or(DVec2::X);
-    let left = c.residual - c.by_inverse_depth * inverse_depth;
+    let error = c.residual - c.by_inverse_depth * inverse_depth;
     let sigma = noise.hypot(INVERSE_DEPTH_SIGMA * inverse_depth * length);
     [
-        left.dot(direction) / sigma,
-        left.perp_dot(direction) / noise,
+        error.dot(direction) / sigma,
+        error.perp_dot(direction) / noise,
     ]
 }
 

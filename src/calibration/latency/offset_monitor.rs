@@ -16,8 +16,8 @@ use std::collections::VecDeque;
 const WINDOW: f64 = 20.0;
 /// Interval between estimates, seconds.
 const INTERVAL: f64 = 5.0;
-/// Largest offset that is tried, seconds.
-const RANGE: f64 = 0.25;
+/// Maximum offset that is searched, seconds.
+const MAX_OFFSET: f64 = 0.25;
 /// Half-width of the window that smooths the tracker's rotations, seconds.
 const SMOOTHING: f64 = 0.02;
 /// Maximum interval between successive pictures, seconds.
@@ -29,9 +29,10 @@ const MIN_ROTATION: f64 = 0.03;
 /// Drift of the clocks: increase of the offset's variance per second, s². One millisecond after a
 /// minute.
 const DRIFT: f64 = 1e-6 / 60.0;
-/// Estimates that deviate by more than this number of σ are rejected,
+/// Maximum deviation of an estimate that is accepted, σ.
 const GATE: f64 = 4.0;
-/// until this number of successive ones is consistent: more than a window holds.
+/// Number of successive consistent estimates after which a rejected offset is accepted: more than a
+/// window holds.
 const MIN_REPEATS: u32 = 6;
 /// Maximum number of items kept of each kind, whatever their time stamps.
 const MAX_ITEMS: usize = 20_000;
@@ -74,12 +75,13 @@ pub struct OffsetMonitor {
     now: f64,
     last_estimate: f64,
     filter: OffsetFilter,
-    by: Option<(OffsetMethod, MonotonicTime)>,
+    /// Method and time of the last accepted estimate.
+    accepted: Option<(OffsetMethod, MonotonicTime)>,
     refusal: Option<LatencyError>,
 }
 
 impl OffsetMonitor {
-    /// Creates a tracker of the offset for a camera whose mounting may be known.
+    /// Creates a monitor for a camera whose mounting may be known.
     #[must_use]
     pub fn new(mounted: Option<MountedCamera>) -> Self {
         Self {
@@ -151,9 +153,12 @@ impl OffsetMonitor {
                 Ok((found, method)) => {
                     let share = (new / WINDOW).min(1.0);
                     let accepted = self.filter.update(&found, method.systematic(), share);
-                    self.by = self.zero.filter(|_| accepted).map_or(self.by, |zero| {
-                        Some((method, zero.offset_nanos((self.now * 1e9) as i64)))
-                    });
+                    self.accepted = self
+                        .zero
+                        .filter(|_| accepted)
+                        .map_or(self.accepted, |zero| {
+                            Some((method, zero.offset_nanos((self.now * 1e9) as i64)))
+                        });
                     self.refusal = None;
                 }
                 Err(refusal) => self.refusal = Some(refusal),
@@ -165,12 +170,12 @@ impl OffsetMonitor {
     /// Returns the result of the last [`Self::estimate`].
     #[must_use]
     pub fn state(&self) -> OffsetState {
-        let offset = self.filter.offset.zip(self.by);
+        let offset = self.filter.offset.zip(self.accepted);
         OffsetState {
-            offset: offset.map(|((seconds, variance), (by, at))| FilteredOffset {
+            offset: offset.map(|((seconds, variance), (method, at))| FilteredOffset {
                 seconds,
-                sigma: variance.sqrt().hypot(by.systematic()),
-                method: by,
+                sigma: variance.sqrt().hypot(method.systematic()),
+                method,
                 estimated_at: at,
             }),
             refusal: self.refusal,
@@ -184,10 +189,10 @@ impl OffsetMonitor {
         let track = TrackerTrack::from_poses(self.readings.iter().copied(), SMOOTHING);
         let rotations: Vec<CameraRotation> = self.rotations.iter().copied().collect();
         let motions: Vec<CameraMotion> = self.motions.iter().copied().collect();
-        let by_poses =
-            from_rotations(&track, &rotations, RANGE).map(|found| (found, OffsetMethod::Poses));
+        let by_poses = from_rotations(&track, &rotations, MAX_OFFSET)
+            .map(|found| (found, OffsetMethod::Poses));
         by_poses.or_else(|pose_error| {
-            let flow = from_image_motion(&track, &motions, self.mounted.as_ref(), RANGE);
+            let flow = from_image_motion(&track, &motions, self.mounted.as_ref(), MAX_OFFSET);
             // The error of the poses is more useful, where there are enough of them.
             flow.map_err(|flow_error| match pose_error {
                 LatencyError::TooShort { .. } => flow_error,
@@ -211,7 +216,7 @@ impl OffsetMonitor {
     fn trim(&mut self) {
         let oldest = self.now - WINDOW;
         // Negative offsets need readings from before the oldest picture.
-        drop_before(&mut self.readings, oldest - RANGE, |r| r.0);
+        drop_before(&mut self.readings, oldest - MAX_OFFSET, |r| r.0);
         drop_before(&mut self.rotations, oldest, |r| r.from);
         drop_before(&mut self.motions, oldest, |m| m.from);
     }

@@ -2,10 +2,9 @@
 
 use super::model::{CameraRotation, ClockOffset, LatencyError};
 use super::scan::{Fit, scan};
-use super::selection::{SPAN, covered, independent, settle, within};
+use super::selection::{SPAN, accept_minimum, covered_spans, independent_count, spans_within};
 use super::track::TrackerTrack;
-use crate::hand_eye::best_rotation;
-use penumbra_numerics::rotation_vector;
+use penumbra_numerics::{best_rotation, rotation_vector};
 
 /// Finds the offset from rotations. The camera's orientation on the sensor is fitted along with it.
 ///
@@ -19,11 +18,16 @@ pub fn from_rotations(
 ) -> Result<ClockOffset, LatencyError> {
     let rotations = chained(rotations);
     let spans: Vec<(f64, f64)> = rotations.iter().map(|t| (t.from, t.to)).collect();
-    let all = within(track, &spans, range)?;
+    let all = spans_within(track, &spans, range)?;
     let rough = scan(|offset| fit(track, &rotations, &all, offset), range, 3);
-    let kept = covered(track, &spans, all, rough.map_or(0.0, |r| r.offset))?;
+    let kept = covered_spans(track, &spans, all, rough.map_or(0.0, |r| r.offset))?;
     let found = scan(|offset| fit(track, &rotations, &kept, offset), range, 3);
-    settle(found, range, independent(&spans, &kept), (3.0, kept.len()))
+    accept_minimum(
+        found,
+        range,
+        independent_count(&spans, &kept),
+        (3.0, kept.len()),
+    )
 }
 
 /// Returns the residuals at an offset, with the camera's orientation on the sensor fitted.
@@ -41,7 +45,7 @@ fn fit(
         by_camera.push(rotation_vector(camera.rotation));
     }
     let pairs = || by_tracker.iter().copied().zip(by_camera.iter().copied());
-    let rotation = best_rotation(pairs())?;
+    let rotation = best_rotation(pairs().map(|(a, b)| (b, a, 1.0)))?.rotation;
     let residuals = pairs().flat_map(|(a, b)| (a - rotation * b).to_array());
     let power: f64 = pairs()
         .map(|(a, b)| a.length_squared() + b.length_squared())

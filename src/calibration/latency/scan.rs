@@ -1,11 +1,11 @@
-//! The offset of least squared residuals, and its standard deviation.
+//! Finds the offset with the least squared residuals, and its standard deviation.
 
 /// Step of the coarse search, seconds.
-const COARSE: f64 = 0.004;
-/// A second minimum rivals the best if it is at least this deep, relative to the best,
-const RIVAL: f64 = 0.85;
-/// and if a ridge of this height, relative to the depth of the best, separates them.
-const RIDGE: f64 = 0.3;
+const COARSE_STEP: f64 = 0.004;
+/// Minimum depth of a second minimum that makes the offset ambiguous, relative to the best.
+const MIN_RIVAL_DEPTH: f64 = 0.85;
+/// Minimum height of the ridge between the two minima, relative to the depth of the best.
+const MIN_RIDGE: f64 = 0.3;
 
 /// Distances from the minimum at which its curvature is measured, seconds.
 const CURVATURE_STEPS: [f64; 4] = [0.006, 0.012, 0.024, 0.048];
@@ -14,7 +14,7 @@ const CURVATURE_STEPS: [f64; 4] = [0.006, 0.012, 0.024, 0.048];
 pub(super) struct Fit {
     residuals: Vec<f64>,
     squares: f64,
-    /// The sum of squares if the motions were unrelated.
+    /// The expected sum of squares of unrelated motions.
     power: f64,
 }
 
@@ -28,10 +28,12 @@ impl Fit {
     }
 }
 
+/// A minimum of the sum of squares; times in seconds.
 pub(super) struct Minimum {
     pub offset: f64,
     pub sigma: f64,
     pub correlation: f64,
+    /// Whether the minimum is at the limit of the search.
     pub at_edge: bool,
     /// Another offset that fits nearly as well, seconds.
     pub rival: Option<f64>,
@@ -40,13 +42,13 @@ pub(super) struct Minimum {
 }
 
 /// Finds the minimum of the sum of squares over −`range`..`range` seconds; `dimensions` residuals
-/// belong to one instant. `None` where nothing can be compared.
+/// belong to one instant. `None` if no offset can be evaluated.
 pub(super) fn scan(
     fit: impl Fn(f64) -> Option<Fit>,
     range: f64,
     dimensions: usize,
 ) -> Option<Minimum> {
-    let steps = (range / COARSE).ceil() as i32;
+    let steps = (range / COARSE_STEP).ceil() as i32;
     let offset = |i: i32| range * f64::from(i) / f64::from(steps);
     let samples: Vec<(f64, Fit)> = (-steps..=steps)
         .filter_map(|i| Some((offset(i), fit(offset(i))?)))
@@ -55,18 +57,19 @@ pub(super) fn scan(
         .min_by(|&a, &b| samples[a].1.squares.total_cmp(&samples[b].1.squares))?;
     let at_edge = best == 0 || best + 1 == samples.len();
     let start = samples[best].0;
-    let (offset, here) = if at_edge {
+    let (offset, at_minimum) = if at_edge {
         (start, fit(start)?)
     } else {
         golden_section(&fit, start)?
     };
-    let correlation = (1.0 - here.squares / here.power.max(1e-300))
+    let correlation = (1.0 - at_minimum.squares / at_minimum.power.max(1e-300))
         .clamp(0.0, 1.0)
         .sqrt();
     Some(Minimum {
-        sigma: sigma(&fit, offset, &here, dimensions).unwrap_or(f64::INFINITY),
+        sigma: sigma(&fit, offset, &at_minimum, dimensions).unwrap_or(f64::INFINITY),
         rival: rival(&samples, best),
-        worst: samples.iter().map(|l| l.1.squares).fold(0.0, f64::max) / here.power.max(1e-300),
+        worst: samples.iter().map(|l| l.1.squares).fold(0.0, f64::max)
+            / at_minimum.power.max(1e-300),
         offset,
         correlation,
         at_edge,
@@ -76,7 +79,7 @@ pub(super) fn scan(
 /// Golden-section search between the neighbours of the best step.
 fn golden_section(fit: &impl Fn(f64) -> Option<Fit>, start: f64) -> Option<(f64, Fit)> {
     const GOLDEN: f64 = 0.618_033_988_749_895;
-    let (mut low, mut high) = (start - COARSE, start + COARSE);
+    let (mut low, mut high) = (start - COARSE_STEP, start + COARSE_STEP);
     let squares = |x: f64| fit(x).map(|f| f.squares);
     let (mut a, mut b) = (high - GOLDEN * (high - low), low + GOLDEN * (high - low));
     let (mut at_a, mut at_b) = (squares(a)?, squares(b)?);
@@ -103,13 +106,13 @@ fn golden_section(fit: &impl Fn(f64) -> Option<Fit>, start: f64) -> Option<(f64,
 fn sigma(
     fit: &impl Fn(f64) -> Option<Fit>,
     offset: f64,
-    here: &Fit,
+    at_minimum: &Fit,
     dimensions: usize,
 ) -> Option<f64> {
     let step = CURVATURE_STEPS[0];
     let (before, after) = (fit(offset - step)?, fit(offset + step)?);
     let curvature_of = |step: f64, before: f64, after: f64| {
-        (before + after - 2.0 * here.squares) / (2.0 * step * step)
+        (before + after - 2.0 * at_minimum.squares) / (2.0 * step * step)
     };
     let mut curvature = curvature_of(step, before.squares, after.squares);
     for step in &CURVATURE_STEPS[1..] {
@@ -118,7 +121,7 @@ fn sigma(
     }
     let slopes = before.residuals.iter().zip(&after.residuals);
     let products: Vec<f64> = slopes
-        .zip(&here.residuals)
+        .zip(&at_minimum.residuals)
         .map(|((b, a), r)| r * (a - b) / (2.0 * step))
         .collect();
     let instants: Vec<f64> = products
@@ -155,13 +158,13 @@ fn long_run_variance(values: &[f64]) -> f64 {
 fn rival(samples: &[(f64, Fit)], best: usize) -> Option<f64> {
     let at = |i: usize| samples[i].1.squares;
     let highest = (0..samples.len()).map(at).fold(0.0, f64::max);
-    let enough = highest - RIVAL * (highest - at(best));
+    let threshold = highest - MIN_RIVAL_DEPTH * (highest - at(best));
     (1..samples.len().saturating_sub(1))
         .filter(|&i| i != best && at(i) <= at(i - 1) && at(i) < at(i + 1))
-        .filter(|&i| at(i) < enough)
+        .filter(|&i| at(i) < threshold)
         .filter(|&i| {
             let between = (i.min(best)..i.max(best)).map(at).fold(0.0, f64::max);
-            between > at(best) + RIDGE * (highest - at(best))
+            between > at(best) + MIN_RIDGE * (highest - at(best))
         })
         .min_by(|&a, &b| at(a).total_cmp(&at(b)))
         .map(|i| samples[i].0)

@@ -1,4 +1,4 @@
-//! Which pairs of pictures are compared, and whether the minimum found among them is an answer.
+//! Selects the pairs of pictures to compare, and accepts or rejects the minimum found.
 
 use super::model::{ClockOffset, LatencyError};
 use super::scan;
@@ -6,8 +6,8 @@ use super::track::TrackerTrack;
 
 /// Minimum number of samples.
 const MIN_SAMPLES: usize = 40;
-/// Seconds over which rotations are compared: over one frame they are hardly larger than the
-/// tracker's noise.
+/// Interval over which rotations are compared, seconds: over one frame they are hardly larger than
+/// the tracker's noise.
 pub(super) const SPAN: f64 = 0.25;
 /// Maximum error of the rough offset, seconds.
 const MAX_ROUGH_ERROR: f64 = 0.015;
@@ -17,7 +17,7 @@ const MIN_CORRELATION: f64 = 0.5;
 const MAX_SIGMA: f64 = 0.01;
 
 /// Returns the indices of the spans that lie within the track at every offset.
-pub(super) fn within(
+pub(super) fn spans_within(
     track: &TrackerTrack,
     spans: &[(f64, f64)],
     range: f64,
@@ -39,7 +39,7 @@ pub(super) fn within(
 }
 
 /// Keeps the spans that have tracker readings close to both ends at about this offset.
-pub(super) fn covered(
+pub(super) fn covered_spans(
     track: &TrackerTrack,
     spans: &[(f64, f64)],
     mut kept: Vec<usize>,
@@ -59,9 +59,9 @@ pub(super) fn covered(
     Ok(kept)
 }
 
-/// Turns a minimum into an offset, or says why it is none; `fitted` is the number of parameters
-/// fitted along with the offset.
-pub(super) fn settle(
+/// Converts a minimum into an offset, or returns why it is rejected; `fitted` is the number of
+/// parameters fitted along with the offset.
+pub(super) fn accept_minimum(
     found: Option<scan::Minimum>,
     range: f64,
     independent: f64,
@@ -100,8 +100,8 @@ pub(super) fn settle(
     })
 }
 
-/// Returns the number of independent spans: overlapping ones are not.
-pub(super) fn independent(spans: &[(f64, f64)], kept: &[usize]) -> f64 {
+/// Returns the number of independent spans; overlapping spans are dependent.
+pub(super) fn independent_count(spans: &[(f64, f64)], kept: &[usize]) -> f64 {
     let length: f64 = kept.windows(2).map(|w| spans[w[1]].0 - spans[w[0]].0).sum();
     length / SPAN
 }

@@ -69,7 +69,7 @@ fn rotations_determine_offset_within_two_milliseconds() {
 }
 
 /// Pose of a rig that orbits its subject at 0.7 m and rolls: the picture's centre hardly moves.
-fn circling(t: f64) -> RigidTransform {
+fn orbiting(t: f64) -> RigidTransform {
     let rotation = hand(t) * DQuat::from_rotation_z(0.2 * (3.7 * t).sin());
     RigidTransform::new(rotation, -(rotation * DVec3::Z * 0.7))
 }
@@ -80,11 +80,11 @@ fn flows(seconds: f64, rate: f64, random: &mut Random) -> Vec<CameraMotion> {
     (1..(rate * seconds) as i32)
         .map(|i| {
             let (from, to) = (0.011 + f64::from(i - 1) / rate, 0.011 + f64::from(i) / rate);
-            let back = circling(from).inverse() * circling(to);
-            let shown = |p: DVec3| 700.0 * p.truncate() / p.z;
-            let moved = |p: DVec3| shown(back.inverse().transform_point(p)) - shown(p);
+            let back = orbiting(from).inverse() * orbiting(to);
+            let project = |p: DVec3| 700.0 * p.truncate() / p.z;
+            let moved = |p: DVec3| project(back.inverse().transform_point(p)) - project(p);
             // Sloping ground.
-            let depth = 0.7 + 0.6 * circling(from).translation.x;
+            let depth = 0.7 + 0.6 * orbiting(from).translation.x;
             let at = |x: f64, y: f64| DVec3::new(x * depth, y * depth, depth);
             let (left, right) = (moved(at(-0.3, 0.0)), moved(at(0.3, 0.0)));
             let noise = DVec2::new(random.normal(), random.normal()) * 0.3;
@@ -124,11 +124,11 @@ fn camera_from_sensor() -> RigidTransform {
 }
 
 /// Track of the orbiting rig's tracker, with an arbitrary mounting.
-fn circling_track(seconds: f64, random: &mut Random) -> TrackerTrack {
+fn orbiting_track(seconds: f64, random: &mut Random) -> TrackerTrack {
     let sensor = camera_from_sensor();
     let readings = (0..(120.0 * seconds) as i32).map(|i| {
         let t = f64::from(i) / 120.0;
-        let pose = circling(t - OFFSET) * sensor;
+        let pose = orbiting(t - OFFSET) * sensor;
         let shaken = DQuat::from_scaled_axis(random.normal3() * 1e-3);
         let position = pose.translation + random.normal3() * 5e-4;
         (t, RigidTransform::new(shaken * pose.rotation, position))
@@ -140,7 +140,7 @@ fn circling_track(seconds: f64, random: &mut Random) -> TrackerTrack {
 fn flow_of_orbiting_camera_determines_offset_within_two_milliseconds() {
     let mut random = Random::new(2);
     for _ in 0..5 {
-        let track = circling_track(20.0, &mut random);
+        let track = orbiting_track(20.0, &mut random);
         let mut flows = flows(20.0, 30.0, &mut random);
         // Pictures that jump, as by a hand in front of the camera.
         for i in [50, 51, 200, 333] {
@@ -173,7 +173,7 @@ fn mounted(error: DQuat) -> MountedCamera {
 fn patches_determine_offset_with_known_mounting_and_are_rejected_with_a_wrong_one() {
     let mut random = Random::new(3);
     for _ in 0..5 {
-        let track = circling_track(20.0, &mut random);
+        let track = orbiting_track(20.0, &mut random);
         // At the rate at which a running rig analyses its pictures.
         let mut flows = flows(20.0, 15.0, &mut random);
         for i in [50, 51, 200, 233] {
@@ -194,10 +194,10 @@ fn patches_determine_offset_with_known_mounting_and_are_rejected_with_a_wrong_on
         let (found, _) = from_image_motion(&track, &flows, Some(&right), 0.25).unwrap();
         assert!((found.seconds - OFFSET).abs() < 0.003, "{found:?}");
         let wrong = mounted(DQuat::from_rotation_z(1.2));
-        let (found, means) = from_image_motion(&track, &flows, Some(&wrong), 0.25).unwrap();
+        let (found, method) = from_image_motion(&track, &flows, Some(&wrong), 0.25).unwrap();
         assert!(
             (found.seconds - OFFSET).abs() < 0.003,
-            "{found:?} {means:?}"
+            "{found:?} {method:?}"
         );
     }
 }
@@ -240,7 +240,7 @@ fn refuses_harmonic_oscillation() {
 #[test]
 fn refuses_short_and_unrelated_flow() {
     let mut random = Random::new(6);
-    let track = circling_track(20.0, &mut random);
+    let track = orbiting_track(20.0, &mut random);
     let flows = flows(20.0, 30.0, &mut random);
     let short = from_flow(&track, &flows[..100], 0.25);
     assert!(

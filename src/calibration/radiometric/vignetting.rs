@@ -75,7 +75,7 @@ pub fn fit(readings: &[Reading]) -> Option<VignettingFit> {
     None
 }
 
-fn fit_terms(readings: &[Reading], terms: usize, farthest: f64) -> Option<VignettingFit> {
+fn fit_terms(readings: &[Reading], terms: usize, max_q: f64) -> Option<VignettingFit> {
     let groups = readings.iter().map(|r| r.group).max()? + 1;
     let mut model = Model {
         k: [0.0; 3],
@@ -103,7 +103,7 @@ fn fit_terms(readings: &[Reading], terms: usize, farthest: f64) -> Option<Vignet
     }
     let mut powers = vec![0.0; terms + model.pictures.len()];
     for (i, power) in powers.iter_mut().enumerate().take(terms) {
-        *power = farthest.powi(i as i32 + 1);
+        *power = max_q.powi(i as i32 + 1);
     }
     let along = covariance.times_vector(&powers);
     let variance: f64 = along.iter().zip(&powers).map(|(a, b)| a * b).sum();
@@ -112,7 +112,7 @@ fn fit_terms(readings: &[Reading], terms: usize, farthest: f64) -> Option<Vignet
         coefficients: model.k,
         sigma,
         edge_sigma: inflate * variance.sqrt(),
-        max_rho_squared: farthest,
+        max_rho_squared: max_q,
         used: used as f64 / readings.len() as f64,
         rms: chi * typical.sqrt(),
     })

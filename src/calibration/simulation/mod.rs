@@ -1,24 +1,24 @@
 //! Simulated rigs: the recordings of their cameras and tracker, with ground truth, to try and to
 //! assess calibration without hardware.
 //!
-//! `options` describe a rig and its defects, `motion` moves it, `eye` casts rays at the `panel`s
-//! of a `room`, `tracker` measures poses as an electromagnetic tracker does; `papers` are the
-//! rig's configuration files and the ground truth. No path tracing, to keep pictures cheap.
+//! `options` describe a rig and its defects, `motion` moves it, `camera` casts rays at the `panel`s
+//! of a `room`, `tracker` measures poses as an electromagnetic tracker does; `rig_files` creates
+//! `rig.json` and the ground truth. No path tracing, to keep pictures cheap.
 
-mod eye;
+mod camera;
 mod motion;
 mod options;
 mod panel;
-mod papers;
+mod rig_files;
 mod room;
 mod tracker;
 
-pub use eye::SimulatedCamera;
+pub use camera::SimulatedCamera;
 pub use motion::{Hand, Motion};
 pub use options::{EnvironmentMount, SimulationOptions};
 pub use panel::Panel;
-pub use papers::FrameTruth;
 pub use penumbra_numerics::Random;
+pub use rig_files::FrameTruth;
 pub use room::Room;
 pub use tracker::{Metal, fastrak_record};
 
@@ -31,14 +31,14 @@ use penumbra_interface::RigidTransform;
 use std::f64::consts::{FRAC_PI_2, PI};
 
 /// Edge of the tags' black border, metres.
-const TAG: f64 = 0.08;
+const TAG_SIZE: f64 = 0.08;
 /// Samples of the motion blur during an exposure.
 const SHUTTER_SAMPLES: u32 = 5;
 
 /// A simulated rig. Times are seconds since the recording began.
 #[derive(Clone, Debug)]
 pub struct SimulatedRig {
-    /// Its options.
+    /// The options that it was created from.
     pub options: SimulationOptions,
     /// The scene camera.
     pub scene: SimulatedCamera,
@@ -55,22 +55,22 @@ pub struct SimulatedRig {
     hand: Hand,
     metal: Metal,
     room: Room,
-    /// The room after the loose tag was moved.
-    later: Option<Room>,
+    /// The room after the loose tag has been moved.
+    room_after_move: Option<Room>,
 }
 
-/// Returns the pose of a panel flat on the table: before the rotation by `turn` (radians), +X is
-/// the world's, +Y points to the viewer, +Z into the table.
+/// Returns the pose of a panel flat on the table at `position`: without the rotation by `angle`
+/// (radians), +X is the world's, +Y points to the viewer, +Z into the table.
 #[must_use]
-pub fn lying(turn: f64, place: DVec3) -> RigidTransform {
+pub fn flat_on_table(angle: f64, position: DVec3) -> RigidTransform {
     RigidTransform::new(
-        DQuat::from_rotation_z(turn) * DQuat::from_rotation_x(PI),
-        place,
+        DQuat::from_rotation_z(angle) * DQuat::from_rotation_x(PI),
+        position,
     )
 }
 
 impl SimulatedRig {
-    /// Creates the rig of these options.
+    /// Creates the rig that the options describe.
     #[must_use]
     pub fn new(options: SimulationOptions) -> Self {
         let mut random = Random::new(options.seed.wrapping_mul(0x51_7cc1_b727_220a));
@@ -81,12 +81,12 @@ impl SimulatedRig {
             tags(options.tags, &mut random)
         };
         let (panels, middle, extent) = panels(&tags, options.board.as_ref());
-        let later = (options.loose && !tags.is_empty()).then(|| {
+        let room_after_move = (options.loose && !tags.is_empty()).then(|| {
             let mut moved = panels.clone();
             if let Some(last) = moved.last_mut() {
-                let bump =
+                let displacement =
                     RigidTransform::new(DQuat::from_rotation_z(0.2), DVec3::new(0.03, -0.02, 0.0));
-                last.world_from_panel = last.world_from_panel * bump;
+                last.world_from_panel = last.world_from_panel * displacement;
             }
             Room::new(moved, options.seed)
         });
@@ -113,11 +113,11 @@ impl SimulatedRig {
                     * DQuat::from_scaled_axis(random.normal3() * 0.1),
                 random.normal3() * 0.035,
             ),
-            metal: Metal::beside(volume, options.metal, &mut random),
+            metal: Metal::near(volume, options.metal, &mut random),
             room: Room::new(panels, options.seed),
             world_from_transmitter,
             hand,
-            later,
+            room_after_move,
             tags,
             options,
         }
@@ -150,59 +150,61 @@ impl SimulatedRig {
     #[must_use]
     pub fn measured(&self, seconds: f64, random: &mut Random) -> RigidTransform {
         let (millimetres, degrees) = self.options.tracker_noise;
-        let read = self.metal.read(self.transmitter_from_sensor(seconds));
+        let distorted = self.metal.distort(self.transmitter_from_sensor(seconds));
         let mut shift = random.normal3() * millimetres * 1e-3;
-        let turn = random.normal3() * degrees.to_radians();
+        let rotation = random.normal3() * degrees.to_radians();
         if random.uniform() < self.options.jumps {
             shift += random.normal3() * 0.1;
         }
         RigidTransform::new(
-            (DQuat::from_scaled_axis(turn) * read.rotation).normalize(),
-            read.translation + shift,
+            (DQuat::from_scaled_axis(rotation) * distorted.rotation).normalize(),
+            distorted.translation + shift,
         )
     }
 
-    /// Renders the scene camera's picture whose exposure is centred at `seconds`: grey codes.
+    /// Renders the scene camera's picture whose exposure is centred at `seconds`; returns grey codes.
     #[must_use]
     pub fn scene_picture(&self, seconds: f64, random: &mut Random) -> Vec<u8> {
         let at = |t: f64| self.hand.at(t);
         self.picture(&self.scene, &at, seconds, random)
     }
 
-    /// Renders the environment camera's picture; empty if there is no such camera.
+    /// Renders the environment camera's picture like [`Self::scene_picture`]; empty if there is no
+    /// such camera.
     #[must_use]
     pub fn environment_picture(&self, seconds: f64, random: &mut Random) -> Vec<u8> {
         let at = |t: f64| self.world_from_environment(t);
-        self.environment
-            .as_ref()
-            .map_or_else(Vec::new, |eye| self.picture(eye, &at, seconds, random))
+        self.environment.as_ref().map_or_else(Vec::new, |camera| {
+            self.picture(camera, &at, seconds, random)
+        })
     }
 
+    /// Renders a picture: rolling shutter, motion blur, blur, tone curve and noise.
     fn picture(
         &self,
-        eye: &SimulatedCamera,
+        camera: &SimulatedCamera,
         pose: &dyn Fn(f64) -> RigidTransform,
         seconds: f64,
         random: &mut Random,
     ) -> Vec<u8> {
-        let lens = eye.lens();
+        let lens = camera.lens();
         let mut grey = Grey::from_bytes(lens.width as usize, lens.height as usize, &[]);
-        let room = match &self.later {
-            Some(later) if seconds > 0.5 * self.options.seconds => later,
+        let room = match &self.room_after_move {
+            Some(moved) if seconds > 0.5 * self.options.seconds => moved,
             _ => &self.room,
         };
-        let smeared = self.options.shutter > 0.0;
-        let samples = if smeared { SHUTTER_SAMPLES } else { 1 };
+        let has_motion_blur = self.options.shutter > 0.0;
+        let samples = if has_motion_blur { SHUTTER_SAMPLES } else { 1 };
         let rows = f64::from(lens.height);
         for i in 0..samples {
-            let within = (f64::from(i) + 0.5) / f64::from(samples) - 0.5;
-            let exposed = seconds + within * self.options.shutter;
+            let share = (f64::from(i) + 0.5) / f64::from(samples) - 0.5;
+            let exposed = seconds + share * self.options.shutter;
             let still = pose(exposed);
             let row = |y: u32| match self.options.rolling {
                 0.0 => still,
                 rolling => pose(exposed + ((f64::from(y) + 0.5) / rows - 0.5) * rolling),
             };
-            eye.add(room, &row, 1.0 / samples as f32, &mut grey.data);
+            camera.add_picture(room, &row, 1.0 / samples as f32, &mut grey.data);
         }
         if self.options.blur > 0.0 {
             grey = grey.blurred(self.options.blur as f32);
@@ -242,7 +244,7 @@ fn environment_lens(mount: EnvironmentMount) -> Option<Lens> {
     (mount != EnvironmentMount::None).then_some(lens)
 }
 
-/// Returns the pose of a camera that looks up, on the table or on the rig's back.
+/// Returns the pose of a camera that points upwards, on the table or on the rig's back.
 fn environment_pose(mount: EnvironmentMount, random: &mut Random) -> RigidTransform {
     let tilt = DQuat::from_scaled_axis(random.normal3() * 0.05);
     match mount {
@@ -264,15 +266,15 @@ fn tags(count: u32, random: &mut Random) -> Vec<Tag> {
         .collect();
     let middle = i64::from(side / 2);
     cells.sort_by_key(|(x, y)| (x - middle).pow(2) + (y - middle).pow(2));
-    let place =
+    let position =
         |(x, y): (i64, i64)| DVec3::new((x - middle) as f64, (y - middle) as f64, 0.0) * 0.15;
     (0..count)
         .zip(cells)
         .map(|(id, cell)| {
             let jitter = DVec3::new(random.between(-1.0, 1.0), random.between(-1.0, 1.0), 0.0);
-            let at = place(cell) + jitter * 0.012;
+            let at = position(cell) + jitter * 0.012;
             let map_from_tag = match id {
-                0 => lying(0.0, DVec3::ZERO),
+                0 => flat_on_table(0.0, DVec3::ZERO),
                 _ if id % 3 == 2 => {
                     let stand = at + DVec3::Z * random.between(0.05, 0.08);
                     let tilt = DQuat::from_scaled_axis(DVec3::new(
@@ -280,22 +282,22 @@ fn tags(count: u32, random: &mut Random) -> Vec<Tag> {
                         random.between(-0.4, 0.4),
                         0.0,
                     ));
-                    let flat = lying(0.3 * random.normal(), stand);
+                    let flat = flat_on_table(0.3 * random.normal(), stand);
                     RigidTransform::new(tilt * flat.rotation, stand)
                 }
-                _ => lying(random.between(-PI, PI), at),
+                _ => flat_on_table(random.between(-PI, PI), at),
             };
             Tag {
                 family: Family::Tag36h11,
                 id,
-                size: TAG,
+                size: TAG_SIZE,
                 map_from_tag,
             }
         })
         .collect()
 }
 
-/// Returns the printed panels, their centre and their extent from it, metres.
+/// Returns the printed panels, their centre and their maximum distance from it, metres.
 fn panels(tags: &[Tag], board: Option<&Board>) -> (Vec<Panel>, DVec3, f64) {
     let panels: Vec<Panel> = match board {
         Some(Board::Chess {
@@ -305,7 +307,7 @@ fn panels(tags: &[Tag], board: Option<&Board>) -> (Vec<Panel>, DVec3, f64) {
         }) => vec![Panel::chess(
             (*columns, *rows),
             *square,
-            lying(0.0, DVec3::ZERO),
+            flat_on_table(0.0, DVec3::ZERO),
         )],
         _ => tags
             .iter()

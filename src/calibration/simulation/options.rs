@@ -1,86 +1,86 @@
-//! What a rehearsal is like.
+//! The options of a simulated rig: its properties and its defects.
 
 use super::motion::Motion;
 use crate::intrinsics::Board;
 use clap::{Args, ValueEnum};
 
-/// A simulated rig and what is wrong with it.
+/// Properties and defects of a simulated rig.
 #[derive(Args, Clone, Debug, PartialEq)]
 pub struct SimulationOptions {
-    /// Another number, another rig: lens, mounting, tags, motion, noise
+    /// Random seed of lens, mounting, tags, motion and noise
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
-    /// How long it records
+    /// Duration of the recording, seconds
     #[arg(long, default_value_t = 20.0, value_parser = seconds)]
     pub seconds: f64,
-    /// The scene camera's pictures
+    /// Size of the scene camera's pictures, pixels
     #[arg(long, default_value = "640x480", value_parser = size)]
     pub size: (u32, u32),
-    /// Its pictures a second
+    /// Pictures of the scene camera per second
     #[arg(long, default_value_t = 30.0, value_parser = rate)]
     pub rate: f64,
-    /// Tags on the table and on stands, 8 cm
+    /// Number of 8 cm tags on the table and on stands
     #[arg(long, default_value_t = 9, value_parser = clap::value_parser!(u32).range(0..=60))]
     pub tags: u32,
-    /// A chessboard on the table, in the place of tags
+    /// Chessboard on the table instead of tags
     #[arg(long, value_name = "chess:9x6:0.025", value_parser = Board::parse)]
     pub board: Option<Board>,
-    /// How the rig is moved
+    /// Motion of the rig
     #[arg(long, value_enum, default_value_t)]
     pub motion: Motion,
-    /// Of the pictures, codes
+    /// Standard deviation of the pictures' noise, codes
     #[arg(long, default_value_t = 2.0, value_parser = amount)]
     pub noise: f64,
-    /// Of the pictures, pixels
+    /// Standard deviation of the pictures' blur, pixels
     #[arg(long, default_value_t = 0.6, value_parser = amount)]
     pub blur: f64,
-    /// Exposure time, seconds: what moves is smeared
+    /// Exposure time, seconds; causes motion blur
     #[arg(long, default_value_t = 0.0, value_parser = amount)]
     pub shutter: f64,
-    /// From the first row to the last, seconds
+    /// Rolling shutter: time from the first to the last row, seconds
     #[arg(long, default_value_t = 0.0, value_parser = amount)]
     pub rolling: f64,
-    /// Millimetres and degrees
+    /// Standard deviation of the tracker's noise, millimetres and degrees
     #[arg(long, value_name = "MM,DEG", default_value = "0.4,0.05", value_parser = pair)]
     pub tracker_noise: (f64, f64),
-    /// By how many metres metal nearby shifts the tracker's readings
+    /// Displacement of the tracker's readings by metal nearby, metres
     #[arg(long, default_value_t = 0.0, value_parser = amount)]
     pub metal: f64,
-    /// Seconds from a measurement to its record's arrival
+    /// Time from a measurement of the tracker to the arrival of its record, seconds
     #[arg(long, default_value_t = 0.0173, allow_hyphen_values = true)]
     pub tracker_latency: f64,
-    /// Seconds from the middle of the exposure to the stamp
+    /// Time from the middle of an exposure to the picture's time stamp, seconds
     #[arg(long, default_value_t = 0.0, allow_hyphen_values = true)]
     pub camera_latency: f64,
-    /// Of the tracker's records that never arrive, in gaps of a quarter of a second; share
+    /// Share of the tracker's records that are lost, in gaps of a quarter of a second
     #[arg(long, default_value_t = 0.0, value_parser = share)]
     pub gaps: f64,
-    /// Of the tracker's records that are far off; share
+    /// Share of the tracker's records that are outliers
     #[arg(long, default_value_t = 0.0, value_parser = share)]
     pub jumps: f64,
-    /// The last tag is knocked over half way
+    /// Move the last tag halfway through the recording
     #[arg(long)]
     pub loose: bool,
-    /// An environment camera (fisheye), and where
+    /// Mount of an environment camera (fisheye)
     #[arg(long, value_enum, default_value_t)]
     pub environment: EnvironmentMount,
-    /// rig.json says where the tags are
+    /// Write the tags' poses into rig.json
     #[arg(long)]
     pub known_markers: bool,
-    /// rig.json says how the tracker is mounted, and its latency
+    /// Write the tracker's mounting and latency into rig.json
     #[arg(long)]
     pub known_tracker: bool,
 }
 
-/// Where a rehearsal's environment camera is.
+/// Mount of the environment camera.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
 pub enum EnvironmentMount {
-    /// There is none.
+    /// No environment camera.
     #[default]
     None,
     /// On the table, looking up.
     Standing,
-    /// On the rig.
+    /// On the rig, moving with it.
     Carried,
 }
 

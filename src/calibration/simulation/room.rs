@@ -1,26 +1,28 @@
-//! A room with a desk's worth of texture on every wall.
+//! The simulated room: a box with textured walls, which contains the panels.
 
 use super::panel::Panel;
 use glam::DVec3;
-use penumbra_numerics::Random;
+use penumbra_numerics::{Random, smoothstep};
 
-/// Points to a side of the texture's tile, and its size, metres.
+/// Side of the texture tile, points.
 const TILE: usize = 256;
+/// Side of the texture tile, metres.
 const TILE_METRES: f64 = 1.3;
-/// The walls: the floor lies just below the table's top, z = 0.
+/// Lower corner of the room, metres; the floor lies just below the table top at z = 0.
 const LOW: DVec3 = DVec3::new(-2.5, -2.5, -0.0008);
+/// Upper corner of the room, metres.
 const HIGH: DVec3 = DVec3::new(2.5, 2.5, 2.6);
 
-/// Walls and what is printed.
+/// Walls and panels.
 #[derive(Clone, Debug)]
 pub struct Room {
-    /// What is printed.
+    /// The printed panels.
     pub panels: Vec<Panel>,
     texture: Vec<f32>,
 }
 
 impl Room {
-    /// With walls that are the same for the same seed.
+    /// Creates a room whose wall texture depends on `seed` only.
     #[must_use]
     pub fn new(panels: Vec<Panel>, seed: u64) -> Self {
         Self {
@@ -29,22 +31,24 @@ impl Room {
         }
     }
 
-    /// Distance (in lengths of `ray`) and reflectance of the wall behind all panels.
-    pub(super) fn behind(&self, eye: DVec3, ray: DVec3) -> (f64, f32) {
+    /// Returns distance (in lengths of `ray`) and linear reflectance of the wall that a ray from
+    /// `origin` hits.
+    pub(super) fn wall_hit(&self, origin: DVec3, ray: DVec3) -> (f64, f32) {
         let mut nearest = (f64::INFINITY, 2);
         for axis in 0..3 {
             let wall = if ray[axis] > 0.0 { HIGH } else { LOW };
-            let t = (wall[axis] - eye[axis]) / ray[axis];
+            let t = (wall[axis] - origin[axis]) / ray[axis];
             if t > 0.0 && t < nearest.0 {
                 nearest = (t, axis);
             }
         }
         let (t, axis) = nearest;
-        let hit = eye + ray * t.min(100.0);
+        let hit = origin + ray * t.min(100.0);
         let (u, v) = (hit[(axis + 1) % 3], hit[(axis + 2) % 3]);
         (t, self.sample(u, v))
     }
 
+    /// Samples the texture at a point of a wall (metres), bilinearly.
     fn sample(&self, u: f64, v: f64) -> f32 {
         let scale = TILE as f64 / TILE_METRES;
         let (u, v) = (
@@ -60,7 +64,7 @@ impl Room {
     }
 }
 
-/// Smooth blotches of several sizes, which repeat beyond the tile.
+/// Returns value noise of several scales that repeats beyond the tile.
 fn texture(seed: u64) -> Vec<f32> {
     let mut random = Random::new(seed ^ 0x7e87);
     let mut out = vec![0.22_f32; TILE * TILE];
@@ -71,8 +75,10 @@ fn texture(seed: u64) -> Vec<f32> {
         for (i, slot) in out.iter_mut().enumerate() {
             let scale = cells as f64 / TILE as f64;
             let (u, v) = ((i % TILE) as f64 * scale, (i / TILE) as f64 * scale);
-            let smooth = |t: f64| t * t * (3.0 - 2.0 * t);
-            let (a, b) = (smooth(u.fract()), smooth(v.fract()));
+            let (a, b) = (
+                smoothstep(0.0, 1.0, u.fract()),
+                smoothstep(0.0, 1.0, v.fract()),
+            );
             let (x, y) = (u as usize, v as usize);
             let at = |x: usize, y: usize| values[(y % cells) * cells + x % cells];
             let top = at(x, y) * (1.0 - a) + at(x + 1, y) * a;

@@ -11,27 +11,32 @@ pub struct Metal {
     plates: Vec<Plate>,
 }
 
+/// A metal plate; its effect decays with the cube of the distance.
 #[derive(Clone, Copy, Debug)]
 struct Plate {
-    place: DVec3,
+    /// Position in the transmitter's frame, metres.
+    position: DVec3,
+    /// Displacement of readings at the reference distance, metres.
     shift: DVec3,
-    turn: DVec3,
-    reach: f64,
+    /// Rotation vector of readings at the reference distance, radians.
+    rotation: DVec3,
+    /// Distance from the middle of the working volume, metres.
+    reference_distance: f64,
 }
 
 impl Metal {
-    /// Two plates beside a working volume round `middle` (transmitter's frame) which shift what
-    /// is read by some `metres` there.
+    /// Creates two plates near a working volume around `middle` (transmitter's frame). Each displaces
+    /// readings there by `metres`.
     #[must_use]
-    pub fn beside(middle: DVec3, metres: f64, random: &mut Random) -> Self {
+    pub fn near(middle: DVec3, metres: f64, random: &mut Random) -> Self {
         let plates = (0..2).map(|_| {
-            let away = random.normal3().normalize_or(DVec3::X);
-            let reach = random.between(0.5, 0.7);
+            let direction = random.normal3().normalize_or(DVec3::X);
+            let reference_distance = random.between(0.5, 0.7);
             Plate {
-                place: middle + away * reach,
+                position: middle + direction * reference_distance,
                 shift: random.normal3().normalize_or(DVec3::Y) * metres,
-                turn: random.normal3() * metres * 1.2,
-                reach,
+                rotation: random.normal3() * metres * 1.2,
+                reference_distance,
             }
         });
         Self {
@@ -39,17 +44,18 @@ impl Metal {
         }
     }
 
-    /// Returns the measurement of a pose, `transmitter_from_sensor`.
+    /// Returns the distorted measurement of a pose, `transmitter_from_sensor`.
     #[must_use]
-    pub fn read(&self, pose: RigidTransform) -> RigidTransform {
-        let (mut shift, mut turn) = (DVec3::ZERO, DVec3::ZERO);
+    pub fn distort(&self, pose: RigidTransform) -> RigidTransform {
+        let (mut shift, mut rotation) = (DVec3::ZERO, DVec3::ZERO);
         for plate in &self.plates {
-            let near = plate.reach / pose.translation.distance(plate.place).max(0.15);
-            shift += plate.shift * near.powi(3);
-            turn += plate.turn * near.powi(3);
+            let distance = pose.translation.distance(plate.position).max(0.15);
+            let strength = (plate.reference_distance / distance).powi(3);
+            shift += plate.shift * strength;
+            rotation += plate.rotation * strength;
         }
         RigidTransform::new(
-            (DQuat::from_scaled_axis(turn) * pose.rotation).normalize(),
+            (DQuat::from_scaled_axis(rotation) * pose.rotation).normalize(),
             pose.translation + shift,
         )
     }

@@ -1,15 +1,15 @@
 //! The step `map`: relative poses of tags, from pictures that show several at a time.
 //!
-//! `step` gathers views and grades the map; `start` computes initial poses from pairs of tags seen
-//! together; `bundle` minimises the reprojection error over all tags and cameras (`schur` solves
-//! its normal equations); `build` rejects outliers and computes each tag's standard deviation;
-//! `page` presents the result.
+//! `step` gathers views and grades the map; `initial_poses` computes initial poses from pairs of
+//! tags seen together; `bundle` minimises the reprojection error over all tags and cameras (`schur`
+//! solves its normal equations); `build` rejects outliers and computes each tag's standard
+//! deviation; `report` presents the result.
 
 mod build;
 mod bundle;
-mod page;
+mod initial_poses;
+mod report;
 mod schur;
-mod start;
 mod step;
 
 pub use step::{MapOptions, MapStep};
@@ -20,41 +20,43 @@ use penumbra_interface::RigidTransform;
 
 /// A tag of the map, known or observed.
 #[derive(Clone, Debug)]
-struct Seen {
+struct MapTag {
     family: Family,
     id: u32,
     /// Edge of the black border, metres.
     size: f64,
-    /// Pose in the rig's calibration, if it is known there.
-    known: Option<RigidTransform>,
-    /// Estimated pose, once there is one.
+    /// Calibrated pose, if the tag is a marker of the rig.
+    calibrated_pose: Option<RigidTransform>,
+    /// Estimated pose; `None` until it is initialised.
     map_from_tag: Option<RigidTransform>,
-    /// The pose is held fixed.
-    fixed: bool,
-    /// Ratio of the estimated size to the given size.
+    /// Whether the adjustment holds the pose fixed.
+    is_fixed: bool,
+    /// Ratio of the estimated to the given size.
     scale: f64,
 }
 
-impl Seen {
+impl MapTag {
     fn name(&self) -> String {
         format!("{} {}", self.family, self.id)
     }
 }
 
-/// A sighting: a tag in a picture.
+/// A tag in a picture.
 #[derive(Clone, Copy, Debug)]
-struct Sight {
+struct Observation {
     /// Index of the tag.
     tag: usize,
+    /// Detected corners, pixels.
     corners: [DVec2; 4],
-    /// Consistent with the other sightings, and therefore used.
-    used: bool,
+    /// Whether it is consistent with the others and therefore used.
+    is_used: bool,
 }
 
 /// A picture with tags.
 #[derive(Clone, Debug)]
 struct View {
-    sights: Vec<Sight>,
+    observations: Vec<Observation>,
+    /// `None` if no observed tag determines it.
     camera_from_map: Option<RigidTransform>,
 }
 

@@ -1,8 +1,8 @@
 //! The step `map`: gathers views, checks that they suffice, and grades the map.
 
-use super::build::{Built, Mapped, build, lines};
-use super::{Seen, Sight, View};
-use crate::simulation::lying;
+use super::build::{MapEstimate, TagEstimate, build_map, lines};
+use super::{MapTag, Observation, View};
+use crate::simulation::flat_on_table;
 use crate::step::{
     CalibrationProvenance, CameraRole, Finished, PictureInput, Progress, Step, StepInput,
     StepInputs,
@@ -20,16 +20,17 @@ use std::collections::BTreeMap;
 /// Minimum interval between two pictures, seconds.
 const SPACING: f64 = 0.1;
 /// Minimum mean motion of the corners between two views, as a share of the picture's width.
-const ALIKE: f64 = 0.015;
-/// Maximum number of views; beyond it every other one is dropped.
-const MOST_VIEWS: usize = 240;
+const MIN_MOTION: f64 = 0.015;
+/// Maximum number of views; when it is exceeded every second view is dropped.
+const MAX_VIEWS: usize = 240;
 /// Minimum number of views of a map.
-const LEAST_VIEWS: usize = 4;
+const MIN_VIEWS: usize = 4;
+/// Number of views that the progress takes as enough.
+const ENOUGH_VIEWS: usize = 60;
 /// Maximum standard deviation of a tag's position, metres: good, usable.
-const GOOD: f64 = 0.001;
-const USABLE: f64 = 0.01;
+const MAX_SIGMA: (f64, f64) = (0.001, 0.01);
 /// Maximum RMS reprojection error with a correct lens and flat tags, pixels: good, usable.
-const SHARP: (f64, f64) = (0.8, 3.0);
+const MAX_RMS: (f64, f64) = (0.8, 3.0);
 
 /// Options of the step.
 #[derive(Clone, Debug)]
@@ -40,8 +41,8 @@ pub struct MapOptions {
     pub size: Option<f64>,
     /// Edge of single tags' black border, metres.
     pub sizes: BTreeMap<u32, f64>,
-    /// The tag, flat on the table, that becomes the origin of a new world; `None` keeps the world of
-    /// the tags that the calibration knows, or uses the lowest number if it knows none.
+    /// The tag, flat on the table, that becomes the origin of a new world; `None` keeps the
+    /// world of the calibrated tags, or uses the tag with the lowest number if there are none.
     pub origin: Option<u32>,
 }
 
@@ -53,13 +54,15 @@ pub struct MapStep {
     detector: Detector,
     pub(super) views: Vec<Vec<TagObservation>>,
     pub(super) pictures: usize,
-    stride: f64,
-    marks: Vec<DVec2>,
-    alone: BTreeMap<(Family, u32), usize>,
+    /// Grows whenever views are dropped.
+    min_motion: f64,
+    overlay_points: Vec<DVec2>,
+    /// Number of pictures that show each tag.
+    seen: BTreeMap<(Family, u32), usize>,
 }
 
 impl MapStep {
-    /// Creates the step for the scene camera of a rig whose markers are known as given.
+    /// Creates the step for the scene camera of a rig with these calibrated markers.
     #[must_use]
     pub fn new(rig: &RigCalibration, known: &[Marker], options: MapOptions) -> Self {
         Self {
@@ -69,13 +72,13 @@ impl MapStep {
             known: known.to_vec(),
             views: Vec::new(),
             pictures: 0,
-            stride: ALIKE,
-            marks: Vec::new(),
-            alone: BTreeMap::new(),
+            min_motion: MIN_MOTION,
+            overlay_points: Vec::new(),
+            seen: BTreeMap::new(),
         }
     }
 
-    fn take(&mut self, picture: &PictureInput) {
+    fn observe_picture(&mut self, picture: &PictureInput) {
         let camera = &self.rig.scene_camera.camera;
         self.pictures += 1;
         let fits = (picture.picture.width, picture.picture.height) == (camera.width, camera.height);
@@ -83,44 +86,44 @@ impl MapStep {
             return;
         }
         let seen = self.detector.detect(picture.picture, Some(camera)).to_vec();
-        self.show(seen);
+        self.add_tags(seen);
     }
 
     /// Adds the tags of a picture.
-    pub(super) fn show(&mut self, seen: Vec<TagObservation>) {
-        // Of two tags with the same number, neither can be identified.
-        let once = |t: &&TagObservation| {
+    pub(super) fn add_tags(&mut self, seen: Vec<TagObservation>) {
+        // Two tags with the same number cannot be told apart.
+        let is_unique = |t: &&TagObservation| {
             let same = |o: &&TagObservation| (o.family, o.id) == (t.family, t.id);
             seen.iter().filter(same).count() == 1
         };
-        let view: Vec<TagObservation> = seen.iter().filter(once).copied().collect();
-        self.marks = view.iter().flat_map(|t| t.corners).collect();
+        let view: Vec<TagObservation> = seen.iter().filter(is_unique).copied().collect();
+        self.overlay_points = view.iter().flat_map(|t| t.corners).collect();
         for tag in &view {
-            *self.alone.entry((tag.family, tag.id)).or_default() += 1;
+            *self.seen.entry((tag.family, tag.id)).or_default() += 1;
         }
         let width = f64::from(self.rig.scene_camera.camera.width);
-        let alike = self
+        let is_similar = self
             .views
             .last()
-            .is_some_and(|last| moved(last, &view) < self.stride * width);
-        if view.len() < 2 || alike {
+            .is_some_and(|last| mean_motion(last, &view) < self.min_motion * width);
+        if view.len() < 2 || is_similar {
             return;
         }
         self.views.push(view);
-        if self.views.len() > MOST_VIEWS {
+        if self.views.len() > MAX_VIEWS {
             let mut keep = false;
             self.views.retain(|_| {
                 keep = !keep;
                 keep
             });
-            self.stride *= 1.5;
+            self.min_motion *= 1.5;
         }
     }
 
     fn size_of(&self, family: Family, id: u32) -> Option<f64> {
         let known = self.known(family, id).map(|m| m.size);
-        let said = self.options.sizes.get(&id).copied();
-        said.or(known).or(self.options.size)
+        let given = self.options.sizes.get(&id).copied();
+        given.or(known).or(self.options.size)
     }
 
     fn known(&self, family: Family, id: u32) -> Option<&Marker> {
@@ -128,8 +131,8 @@ impl MapStep {
         self.known.iter().find(|m| m.family == name && m.id == id)
     }
 
-    /// Returns the tags seen, at least one with an initial pose; else what is missing.
-    fn tags(&self) -> Result<Vec<Seen>, String> {
+    /// Returns the tags seen, at least one with an initial pose; the error says what is missing.
+    fn tags(&self) -> Result<Vec<MapTag>, String> {
         let mut numbers: Vec<(Family, u32)> = self
             .views
             .iter()
@@ -138,9 +141,9 @@ impl MapStep {
             .collect();
         numbers.sort_unstable();
         numbers.dedup();
-        if self.views.len() < LEAST_VIEWS {
+        if self.views.len() < MIN_VIEWS {
             return Err(format!(
-                "{} of {} pictures show two tags or more from another place; move the camera slowly about them, several in the picture",
+                "{} of {} pictures show two tags or more from a new viewpoint, {MIN_VIEWS} are needed; move the camera slowly around the tags, with several in the picture",
                 self.views.len(),
                 self.pictures
             ));
@@ -148,27 +151,28 @@ impl MapStep {
         let mut tags = Vec::new();
         for (family, id) in numbers {
             let size = self.size_of(family, id).ok_or_else(|| {
-                format!("the size of {family} {id} is not known; say --size METRES (edge of the black border), or --size-of {id}=METRES")
+                format!("the size of {family} {id} is not known; give --size METRES (edge of the black border) or --size-of {id}=METRES")
             })?;
-            tags.push(Seen {
+            tags.push(MapTag {
                 family,
                 id,
                 size,
-                known: self.known(family, id).map(|m| m.world_from_marker),
+                calibrated_pose: self.known(family, id).map(|m| m.world_from_marker),
                 map_from_tag: None,
-                fixed: false,
+                is_fixed: false,
                 scale: 1.0,
             });
         }
-        self.anchor(&mut tags)?;
+        self.fix_origin(&mut tags)?;
         Ok(tags)
     }
 
-    fn anchor(&self, tags: &mut [Seen]) -> Result<(), String> {
-        let keep = self.options.origin.is_none() && tags.iter().any(|t| t.known.is_some());
-        if keep {
-            for tag in tags.iter_mut().filter(|t| t.known.is_some()) {
-                (tag.map_from_tag, tag.fixed) = (tag.known, true);
+    /// Fixes the calibrated tags, or the origin of a new world.
+    fn fix_origin(&self, tags: &mut [MapTag]) -> Result<(), String> {
+        let is_calibrated = |t: &MapTag| t.calibrated_pose.is_some();
+        if self.options.origin.is_none() && tags.iter().any(is_calibrated) {
+            for tag in tags.iter_mut().filter(|t| is_calibrated(t)) {
+                (tag.map_from_tag, tag.is_fixed) = (tag.calibrated_pose, true);
             }
             return Ok(());
         }
@@ -178,42 +182,43 @@ impl MapStep {
         };
         let Some(origin) = origin else {
             return Err(
-                "the tag named by --origin is never seen with others; name one that is".to_owned(),
+                "the tag of --origin was never seen together with another tag; choose one that was"
+                    .to_owned(),
             );
         };
-        origin.map_from_tag = Some(lying(0.0, DVec3::ZERO));
-        origin.fixed = true;
+        origin.map_from_tag = Some(flat_on_table(0.0, DVec3::ZERO));
+        origin.is_fixed = true;
         Ok(())
     }
 
-    fn built(&self) -> Result<Built, String> {
+    fn estimate(&self) -> Result<MapEstimate, String> {
         let tags = self.tags()?;
-        let sight = |seen: &TagObservation| {
+        let observation = |seen: &TagObservation| {
             let tag = tags
                 .iter()
                 .position(|t| (t.family, t.id) == (seen.family, seen.id))?;
-            Some(Sight {
+            Some(Observation {
                 tag,
                 corners: seen.corners,
-                used: true,
+                is_used: true,
             })
         };
         let views = self.views.iter().map(|view| View {
-            sights: view.iter().filter_map(sight).collect(),
+            observations: view.iter().filter_map(observation).collect(),
             camera_from_map: None,
         });
         let views = views.collect();
-        Ok(build(&self.rig.scene_camera.camera, tags, views))
+        Ok(build_map(&self.rig.scene_camera.camera, tags, views))
     }
 
-    fn judge(&self, built: &Built) -> Vec<(Grade, String)> {
-        let mut findings = built.findings.clone();
-        if built.tags.len() < 2 {
-            let none = "no two tags could be linked; show several in each picture, from many sides";
-            findings.push((Grade::Refused, none.to_owned()));
+    fn assess(&self, estimate: &MapEstimate) -> Vec<(Grade, String)> {
+        let mut findings = estimate.findings.clone();
+        if estimate.tags.len() < 2 {
+            let text = "no two tags could be linked; show several in each picture, from many sides";
+            findings.push((Grade::Refused, text.to_owned()));
         }
-        if built.rms > SHARP.0 {
-            let grade = if built.rms > SHARP.1 {
+        if estimate.rms > MAX_RMS.0 {
+            let grade = if estimate.rms > MAX_RMS.1 {
                 Grade::Refused
             } else {
                 Grade::Usable
@@ -221,15 +226,15 @@ impl MapStep {
             findings.push((
                 grade,
                 format!(
-                    "corners are {:.2} px off; calibrate the lens (`calibrate intrinsics`), keep tags flat and the camera slow",
-                    built.rms
+                    "reprojection error is {:.2} px RMS; calibrate the lens (`calibrate intrinsics`), keep the tags flat and move the camera slowly",
+                    estimate.rms
                 ),
             ));
         }
-        for tag in &built.tags {
+        for tag in &estimate.tags {
             let sigma = tag.sigma.1.max_element();
-            if sigma > GOOD {
-                let grade = if sigma > USABLE {
+            if sigma > MAX_SIGMA.0 {
+                let grade = if sigma > MAX_SIGMA.1 {
                     Grade::Refused
                 } else {
                     Grade::Usable
@@ -237,55 +242,55 @@ impl MapStep {
                 findings.push((
                     grade,
                     format!(
-                        "{} is known to {:.1} mm only; show it together with its neighbours from more sides",
-                        tag.seen.name(),
+                        "the position of {} has a standard deviation of {:.1} mm; show it together with its neighbours from more sides",
+                        tag.tag.name(),
                         1e3 * sigma
                     ),
                 ));
             }
         }
-        let never: Vec<String> = self
-            .alone
-            .keys()
-            .filter(|(family, id)| {
-                let there =
+        let isolated: Vec<String> = self
+            .seen
+            .iter()
+            .filter(|((family, id), pictures)| {
+                let shows_it =
                     |v: &Vec<TagObservation>| v.iter().any(|t| (t.family, t.id) == (*family, *id));
-                !self.views.iter().any(there) && self.alone[&(*family, *id)] > 2
+                !self.views.iter().any(shows_it) && **pictures > 2
             })
-            .map(|(family, id)| format!("{family} {id}"))
+            .map(|((family, id), _)| format!("{family} {id}"))
             .collect();
-        if !never.is_empty() {
+        if !isolated.is_empty() {
             findings.push((
                 Grade::Usable,
                 format!(
-                    "seen alone only: {}; show them together with others",
-                    never.join(", ")
+                    "never seen together with another tag: {}; show them together with others",
+                    isolated.join(", ")
                 ),
             ));
         }
         findings
     }
 
-    fn record(&self, built: &Built, header: Header) -> MarkersRecord {
-        let marker = |m: &Mapped| MarkerRecord {
-            family: m.seen.family.to_string(),
-            id: m.seen.id,
-            size_m: m.seen.size,
+    fn record(&self, estimate: &MapEstimate, header: Header) -> MarkersRecord {
+        let marker = |m: &TagEstimate| MarkerRecord {
+            family: m.tag.family.to_string(),
+            id: m.tag.id,
+            size_m: m.tag.size,
             pose: PoseRecord::new(m.pose, m.sigma),
-            sightings: m.sights.0,
+            sightings: m.used_observations,
             rms: m.rms,
         };
         MarkersRecord {
             header,
             new_world: self.options.origin.is_some(),
-            markers: built.tags.iter().map(marker).collect(),
+            markers: estimate.tags.iter().map(marker).collect(),
         }
     }
 }
 
-/// Returns the mean distance of corners that both views show, pixels; large if they show
-/// different tags.
-fn moved(last: &[TagObservation], view: &[TagObservation]) -> f64 {
+/// Returns the mean motion of the corners of `view` since `last`, pixels; infinity if `last` lacks
+/// one of its tags.
+fn mean_motion(last: &[TagObservation], view: &[TagObservation]) -> f64 {
     let (mut sum, mut count) = (0.0, 0);
     for tag in view {
         let same = last
@@ -317,37 +322,37 @@ impl Step for MapStep {
         }
     }
 
-    fn observe(&mut self, shown: &StepInput) {
-        if let StepInput::Picture(picture) = shown
+    fn observe(&mut self, input: &StepInput) {
+        if let StepInput::Picture(picture) = input
             && picture.camera == CameraRole::Scene
         {
-            self.take(picture);
+            self.observe_picture(picture);
         }
     }
 
     fn progress(&self) -> Progress {
         Progress {
-            share: (self.views.len() as f64 / 60.0).min(1.0),
-            message: format!("{} views, {} tags", self.views.len(), self.alone.len()),
-            hint: if self.views.len() < 60 {
-                "move slowly about the tags, several in the picture".to_owned()
+            share: (self.views.len() as f64 / ENOUGH_VIEWS as f64).min(1.0),
+            message: format!("{} views, {} tags", self.views.len(), self.seen.len()),
+            hint: if self.views.len() < ENOUGH_VIEWS {
+                "move slowly around the tags, with several in the picture".to_owned()
             } else {
                 String::new()
             },
-            overlay_points: self.marks.clone(),
+            overlay_points: self.overlay_points.clone(),
             camera: Some(CameraRole::Scene),
         }
     }
 
-    fn finish(&mut self, made: &CalibrationProvenance) -> Finished {
-        let built = self.built();
-        let mut findings = match &built {
-            Ok(built) => self.judge(built),
+    fn finish(&mut self, provenance: &CalibrationProvenance) -> Finished {
+        let estimate = self.estimate();
+        let mut findings = match &estimate {
+            Ok(estimate) => self.assess(estimate),
             Err(reason) => vec![(Grade::Refused, reason.clone())],
         };
         findings.sort_by_key(|f| std::cmp::Reverse(f.0));
         let grade = findings.first().map_or(Grade::Good, |f| f.0);
-        let lines = built.as_ref().map_or_else(|_| Vec::new(), lines);
+        let lines = estimate.as_ref().map_or_else(|_| Vec::new(), lines);
         let mut found = Finished {
             grade,
             lines,
@@ -356,9 +361,9 @@ impl Step for MapStep {
             report: String::new(),
             file: None,
         };
-        found.report = self.page(made, &found, built.as_ref().ok());
-        if let (Ok(built), true) = (&built, grade != Grade::Refused) {
-            let record = self.record(built, found.header("map", made));
+        found.report = self.report(provenance, &found, estimate.as_ref().ok());
+        if let (Ok(estimate), true) = (&estimate, grade != Grade::Refused) {
+            let record = self.record(estimate, found.header("map", provenance));
             found.file = serde_json::to_string_pretty(&record).ok();
         }
         found

@@ -12,12 +12,12 @@ use penumbra_white_balance::gather::{GatherOptions, Overlap, PhotometricPair, ga
 use penumbra_white_balance::overlap::estimate_overlap;
 use penumbra_white_balance::{Provenance, WhiteBalanceMatch};
 
-/// Maximum age of the environment camera's picture at the scene camera's, seconds.
-const TOGETHER: f64 = 0.2;
-/// Interval between two comparisons, seconds.
+/// Maximum time between the two cameras' pictures of a comparison, seconds.
+const MAX_GAP: f64 = 0.2;
+/// Minimum interval between two comparisons, seconds.
 const SPACING: f64 = 0.5;
 /// Minimum number of surfaces in a comparison.
-const LEAST_PAIRS: usize = 12;
+const MIN_PAIRS: usize = 12;
 
 /// Result of the colour comparison.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -25,47 +25,48 @@ pub struct Colours {
     /// Median colour difference over all surfaces, CIEDE2000.
     pub delta_e: f64,
     /// 90th percentile of the colour difference, CIEDE2000.
-    pub ninth: f64,
-    /// Number of surfaces and of moments.
+    pub percentile_90: f64,
+    /// Number of surfaces and of comparisons.
     pub counts: (usize, usize),
     /// Origin of the gains between the cameras.
-    pub by: Provenance,
+    pub provenance: Provenance,
 }
 
 /// Compares pictures of both cameras as they arrive.
 #[derive(Debug)]
 pub struct Comparison {
-    photometry: WhiteBalanceMatch,
+    white_balance: WhiteBalanceMatch,
     last: Option<(Picture, MonotonicTime, Option<f64>)>,
+    /// Time of the next comparison, seconds.
     due: f64,
-    moments: usize,
+    comparisons: usize,
     differences: Vec<f64>,
-    by: Provenance,
+    provenance: Provenance,
 }
 
 impl Comparison {
     /// Creates a comparison that starts from a known white balance match.
     #[must_use]
-    pub const fn new(photometry: WhiteBalanceMatch) -> Self {
+    pub const fn new(white_balance: WhiteBalanceMatch) -> Self {
         Self {
-            photometry,
+            white_balance,
             last: None,
             due: f64::MIN,
-            moments: 0,
+            comparisons: 0,
             differences: Vec::new(),
-            by: Provenance::Unknown,
+            provenance: Provenance::Unknown,
         }
     }
 
     /// Keeps the environment camera's latest picture.
-    pub fn environment(&mut self, shown: &PictureInput) {
-        if shown.seconds >= self.due {
-            self.last = Some((shown.picture.clone(), shown.captured_at, shown.exposure));
+    pub fn observe_environment(&mut self, input: &PictureInput) {
+        if input.seconds >= self.due {
+            self.last = Some((input.picture.clone(), input.captured_at, input.exposure));
         }
     }
 
     /// Compares a scene camera's picture, taken from `pose`, with the latest environment picture.
-    pub fn scene(&mut self, known: &Known, shown: &PictureInput, pose: RigidTransform) {
+    pub fn observe_scene(&mut self, known: &Known, input: &PictureInput, pose: RigidTransform) {
         let Some((_, at, _)) = &self.last else {
             return;
         };
@@ -73,18 +74,18 @@ impl Comparison {
         let (Some(caster), Some(environment)) = (&known.caster, environment) else {
             return;
         };
-        let apart = shown.captured_at.seconds_since(*at).abs();
-        if shown.seconds < self.due || apart > TOGETHER {
+        let apart = input.captured_at.seconds_since(*at).abs();
+        if input.seconds < self.due || apart > MAX_GAP {
             return;
         }
         let Some((picture, at, exposure)) = self.last.take() else {
             return;
         };
-        self.due = shown.seconds + SPACING;
+        self.due = input.seconds + SPACING;
         let scene_camera = &known.rig.calibration.scene_camera;
         let overlap = Overlap {
             scene: Photograph {
-                picture: shown.picture,
+                picture: input.picture,
                 response: &scene_camera.response,
             },
             scene_camera: &scene_camera.camera,
@@ -97,26 +98,31 @@ impl Comparison {
             vignetting: [scene_camera.vignetting, environment.vignetting],
         };
         let pairs = gather_pairs(&overlap, caster, &GatherOptions::default());
-        self.photometry
-            .set_exposures(reported(shown.exposure), reported(exposure));
+        self.white_balance.set_exposures(
+            unit_gain_exposure(input.exposure),
+            unit_gain_exposure(exposure),
+        );
         self.compare(&pairs);
-        let answer = estimate_overlap(&pairs);
-        self.photometry
-            .update_overlap(answer, shown.captured_at, at);
+        let estimate = estimate_overlap(&pairs);
+        self.white_balance
+            .update_overlap(estimate, input.captured_at, at);
     }
 
     /// Compares with the gains that were active before these pairs were observed.
     fn compare(&mut self, pairs: &[PhotometricPair]) {
-        let by = self.photometry.in_force().0;
-        if matches!(by, Provenance::Unknown | Provenance::GreyWorld) || pairs.len() < LEAST_PAIRS {
+        let provenance = self.white_balance.in_force().0;
+        if matches!(provenance, Provenance::Unknown | Provenance::GreyWorld)
+            || pairs.len() < MIN_PAIRS
+        {
             return;
         }
-        let scene_from_environment = self.photometry.scene_from_environment();
+        let scene_from_environment = self.white_balance.scene_from_environment();
         let clear = pairs.iter().filter(|p| p.variance.is_finite());
-        let off = clear.map(|p| delta_e_linear(p.scene, scene_from_environment * p.environment));
-        self.differences.extend(off);
-        self.moments += 1;
-        self.by = by;
+        let differences =
+            clear.map(|p| delta_e_linear(p.scene, scene_from_environment * p.environment));
+        self.differences.extend(differences);
+        self.comparisons += 1;
+        self.provenance = provenance;
     }
 
     /// Summarises all comparisons; `None` if there are none.
@@ -126,15 +132,15 @@ impl Comparison {
         sorted.sort_unstable_by(f64::total_cmp);
         Some(Colours {
             delta_e: median(sorted.iter().copied())?,
-            ninth: sorted[sorted.len() * 9 / 10],
-            counts: (sorted.len(), self.moments),
-            by: self.by,
+            percentile_90: sorted[sorted.len() * 9 / 10],
+            counts: (sorted.len(), self.comparisons),
+            provenance: self.provenance,
         })
     }
 }
 
-/// Returns the exposure; shutter time and gain are only known as a product.
-fn reported(seconds: Option<f64>) -> Option<Exposure> {
+/// Returns the exposure with gain 1, because only the product of exposure time and gain is known.
+fn unit_gain_exposure(seconds: Option<f64>) -> Option<Exposure> {
     seconds.map(|seconds| Exposure {
         exposure_micros: 1e6 * seconds,
         gain: 1.0,

@@ -2,15 +2,15 @@
 //! between the cameras, remaining clock offset between tracker and camera.
 //!
 //! `reprojection` compares corners, `colour` surfaces that both cameras see, [`super::latency`]
-//! measures the offset, `judge` grades the figures, `written` writes file and report.
+//! measures the offset, `assessment` grades the figures, `output` creates file and report.
 
+mod assessment;
 pub mod colour;
-mod judge;
+mod output;
 mod reprojection;
-mod written;
 
-pub use judge::{Judgement, Measured};
-pub use reprojection::{Off, Reprojection};
+pub use assessment::{Assessment, Measurements};
+pub use reprojection::{CornerError, Reprojection};
 
 use super::intrinsics::Grey;
 use super::latency::{
@@ -31,10 +31,10 @@ use penumbra_sync::{HistoryConfig, PoseHistory};
 use penumbra_white_balance::WhiteBalanceMatch;
 
 /// Intended duration of the check, seconds.
-const LENGTH: f64 = 60.0;
-/// Maximum clock offset of the search, seconds.
-const RANGE: f64 = 0.25;
-/// Half width of the window in which the tracker's rotations are smoothed, seconds.
+const DURATION: f64 = 60.0;
+/// Maximum clock offset that is searched, seconds.
+const MAX_OFFSET: f64 = 0.25;
+/// Half width of the smoothing window of the tracker's rotations, seconds.
 const SMOOTHING: f64 = 0.03;
 
 /// The calibrated rig that is checked.
@@ -50,10 +50,11 @@ pub struct Known {
     pub station: u8,
 }
 
-/// The observations of one picture.
-struct Moment {
+/// The observations in one picture of the scene camera.
+struct Frame {
     /// Middle of the exposure, corrected for latency.
     at: MonotonicTime,
+    /// Seconds since the first picture.
     seconds: f64,
     tags: Vec<TagObservation>,
     /// `world_from_camera` from the markers.
@@ -65,10 +66,10 @@ pub struct Verify {
     known: Known,
     detector: Detector,
     registrar: Registrar,
-    motion: ImageMotion,
+    image_motion: ImageMotion,
     /// Camera motions from one picture to the next; times in seconds.
     motions: Vec<CameraMotion>,
-    moments: Vec<Moment>,
+    frames: Vec<Frame>,
     readings: Vec<(MonotonicTime, RigidTransform)>,
     history: PoseHistory,
     colours: Comparison,
@@ -78,27 +79,27 @@ pub struct Verify {
 }
 
 impl Verify {
-    /// Creates a check; `photometry` is the known white balance match between the cameras.
+    /// Creates a check; `white_balance` is the known white balance match between the cameras.
     #[must_use]
-    pub fn new(known: Known, photometry: WhiteBalanceMatch) -> Self {
+    pub fn new(known: Known, white_balance: WhiteBalanceMatch) -> Self {
         let families = known.map.families();
         Self {
             detector: Detector::new(&families, &known.rig.calibration.scene_camera.response),
             registrar: Registrar::new(known.map.clone()),
             known,
-            motion: ImageMotion::default(),
+            image_motion: ImageMotion::default(),
             motions: Vec::new(),
-            moments: Vec::new(),
+            frames: Vec::new(),
             readings: Vec::new(),
             history: PoseHistory::new(HistoryConfig::default()),
-            colours: Comparison::new(photometry),
+            colours: Comparison::new(white_balance),
             first: None,
             seconds: 0.0,
             progress: Progress::default(),
         }
     }
 
-    fn pose(&mut self, sample: &PoseSample) {
+    fn observe_pose(&mut self, sample: &PoseSample) {
         let Some(tracker) = &self.known.rig.calibration.tracker else {
             return;
         };
@@ -109,14 +110,14 @@ impl Verify {
         }
     }
 
-    fn scene(&mut self, shown: &PictureInput) {
+    fn observe_scene(&mut self, input: &PictureInput) {
         let scene = &self.known.rig.calibration.scene_camera;
-        let at = shown.captured_at.offset_nanos(-scene.latency_nanos);
+        let at = input.captured_at.offset_nanos(-scene.latency_nanos);
         let first = *self.first.get_or_insert(at);
         let seconds = at.seconds_since(first);
         let tags = self
             .detector
-            .detect(shown.picture, Some(&scene.camera))
+            .detect(input.picture, Some(&scene.camera))
             .to_vec();
         let found = self.registrar.register(&scene.camera, &tags, at);
         let by_markers = found
@@ -128,10 +129,10 @@ impl Verify {
             Some(tracker.world_from_scene_camera(pose))
         });
         if let Some(pose) = tracked.or(by_markers) {
-            self.colours.scene(&self.known, shown, pose);
+            self.colours.observe_scene(&self.known, input, pose);
         }
-        if let Some(flow) = self.motion.next(&Grey::from_picture(shown.picture))
-            && let Some(last) = self.moments.last()
+        if let Some(flow) = self.image_motion.next(&Grey::from_picture(input.picture))
+            && let Some(last) = self.frames.last()
         {
             self.motions.push(CameraMotion {
                 from: last.seconds,
@@ -141,7 +142,7 @@ impl Verify {
         }
         self.progress.overlay_points = tags.iter().flat_map(|t| t.corners).collect();
         self.progress.camera = Some(CameraRole::Scene);
-        self.moments.push(Moment {
+        self.frames.push(Frame {
             at,
             seconds,
             tags,
@@ -149,21 +150,24 @@ impl Verify {
         });
     }
 
-    fn tell(&mut self) {
-        let seen = self.moments.iter().filter(|m| !m.tags.is_empty()).count();
-        self.progress.share = (self.seconds / LENGTH).clamp(0.0, 1.0);
-        self.progress.message = format!("{} pictures, {seen} with markers", self.moments.len());
-        let hint = match self.moments.last() {
+    fn update_progress(&mut self) {
+        let seen = self.frames.iter().filter(|f| !f.tags.is_empty()).count();
+        self.progress.share = (self.seconds / DURATION).clamp(0.0, 1.0);
+        self.progress.message = format!("{} pictures, {seen} with markers", self.frames.len());
+        let hint = match self.frames.last() {
             Some(last) if last.tags.is_empty() => "show the scene camera a marker",
-            _ if self.progress.share < 1.0 => "turn the rig briskly to and fro, markers in view",
+            _ if self.progress.share < 1.0 => {
+                "rotate the rig briskly to and fro, with markers in view"
+            }
             _ => "",
         };
         hint.clone_into(&mut self.progress.hint);
     }
 
-    /// Returns the errors of all corners, by the tracker's pose and by the other markers' pose.
-    fn corners(&self) -> (Vec<Off>, Vec<Off>) {
-        let (mut tracked, mut among) = (Vec::new(), Vec::new());
+    /// Returns the errors of all corners, under the tracker's pose and under the pose from the other
+    /// markers.
+    fn corner_errors(&self) -> (Vec<CornerError>, Vec<CornerError>) {
+        let (mut by_tracker, mut leave_one_out) = (Vec::new(), Vec::new());
         let calibration = &self.known.rig.calibration;
         let (camera, map) = (&calibration.scene_camera.camera, &self.known.map);
         let mut history = PoseHistory::new(HistoryConfig {
@@ -173,32 +177,34 @@ impl Verify {
         for (at, pose) in &self.readings {
             history.push(*at, *pose);
         }
-        for moment in &self.moments {
-            reprojection::by_the_others(
+        for frame in &self.frames {
+            reprojection::add_leave_one_out_errors(
                 camera,
                 map,
-                &moment.tags,
-                moment.at,
-                moment.seconds,
-                &mut among,
+                &frame.tags,
+                frame.at,
+                frame.seconds,
+                &mut leave_one_out,
             );
-            if let (Some(tracker), Some(pose)) = (&calibration.tracker, history.at(moment.at)) {
+            if let (Some(tracker), Some(pose)) = (&calibration.tracker, history.at(frame.at)) {
                 let pose = tracker.world_from_scene_camera(pose.transmitter_from_sensor);
-                reprojection::by_pose(
+                reprojection::add_pose_errors(
                     camera,
                     map,
-                    &moment.tags,
+                    &frame.tags,
                     pose,
-                    moment.seconds,
-                    &mut tracked,
+                    frame.seconds,
+                    &mut by_tracker,
                 );
             }
         }
-        (tracked, among)
+        (by_tracker, leave_one_out)
     }
 
-    /// Returns the tracker's clock offset to the pictures, both corrected by the calibration.
-    fn offset(&self) -> Option<Result<ClockOffset, LatencyError>> {
+    /// Returns the remaining clock offset of the tracker to the pictures, both corrected by the
+    /// calibration; by rotations of the markers' poses, else by image motion. `None` without
+    /// tracker data.
+    fn clock_offset(&self) -> Option<Result<ClockOffset, LatencyError>> {
         let first = self.first?;
         if self.readings.is_empty() {
             return None;
@@ -206,8 +212,8 @@ impl Verify {
         let readings = self.readings.iter();
         let readings = readings.map(|(at, pose)| (at.seconds_since(first), *pose));
         let track = TrackerTrack::from_poses(readings, SMOOTHING);
-        let turns: Vec<CameraRotation> = self
-            .moments
+        let rotations: Vec<CameraRotation> = self
+            .frames
             .windows(2)
             .filter_map(|w| {
                 let (a, b) = (w[0].by_markers?, w[1].by_markers?);
@@ -218,28 +224,32 @@ impl Verify {
                 })
             })
             .collect();
-        let by_turns = from_rotations(&track, &turns, RANGE);
+        let by_rotations = from_rotations(&track, &rotations, MAX_OFFSET);
         let mounted = MountedCamera::scene_camera(&self.known.rig.calibration);
-        let by_motion = || from_image_motion(&track, &self.motions, mounted.as_ref(), RANGE);
-        Some(by_turns.or_else(|error| by_motion().map(|(found, _)| found).map_err(|_| error)))
+        let by_motion = || from_image_motion(&track, &self.motions, mounted.as_ref(), MAX_OFFSET);
+        Some(by_rotations.or_else(|error| by_motion().map(|(found, _)| found).map_err(|_| error)))
     }
 
-    fn measured(&self, tracked: &[Off], among: &[Off]) -> Measured {
+    fn measurements(
+        &self,
+        by_tracker: &[CornerError],
+        leave_one_out: &[CornerError],
+    ) -> Measurements {
         let calibration = &self.known.rig.calibration;
-        let own_camera =
+        let is_own_camera =
             |view: &EnvironmentView| !matches!(view, EnvironmentView::SphereInScene { .. });
         let environment = calibration.environment.as_ref();
         let tracker = calibration.tracker.as_ref();
         let scene_latency = calibration.scene_camera.latency_nanos;
         let calibrated = tracker.map_or(0, |t| t.latency_nanos - scene_latency);
         let calibrated_offset = 1e-9 * calibrated as f64;
-        Measured {
-            tracked: reprojection::sum_up(tracked),
-            among: reprojection::sum_up(among),
+        Measurements {
+            by_tracker: reprojection::summarise(by_tracker),
+            leave_one_out: reprojection::summarise(leave_one_out),
             has_tracker: tracker.is_some(),
-            has_environment: environment.is_some_and(|e| own_camera(&e.view)),
+            has_environment: environment.is_some_and(|e| is_own_camera(&e.view)),
             colours: self.colours.colours(),
-            latency: self.offset().map(|found| {
+            latency: self.clock_offset().map(|found| {
                 found.map(|f| ClockOffset {
                     seconds: f.seconds + calibrated_offset,
                     ..f
@@ -265,44 +275,44 @@ impl Step for Verify {
         }
     }
 
-    fn observe(&mut self, shown: &StepInput) {
-        match shown {
-            StepInput::Pose(sample) => return self.pose(sample),
-            StepInput::Picture(shown) => {
-                self.seconds = shown.seconds;
-                match shown.camera {
-                    CameraRole::Scene => self.scene(shown),
-                    CameraRole::Environment => self.colours.environment(shown),
+    fn observe(&mut self, input: &StepInput) {
+        match input {
+            StepInput::Pose(sample) => return self.observe_pose(sample),
+            StepInput::Picture(input) => {
+                self.seconds = input.seconds;
+                match input.camera {
+                    CameraRole::Scene => self.observe_scene(input),
+                    CameraRole::Environment => self.colours.observe_environment(input),
                 }
             }
         }
-        self.tell();
+        self.update_progress();
     }
 
     fn progress(&self) -> Progress {
         self.progress.clone()
     }
 
-    fn finish(&mut self, made: &CalibrationProvenance) -> Finished {
-        let (tracked, among) = self.corners();
-        let measured = self.measured(&tracked, &among);
-        let judgement = Judgement::of(&measured);
+    fn finish(&mut self, provenance: &CalibrationProvenance) -> Finished {
+        let (by_tracker, leave_one_out) = self.corner_errors();
+        let measured = self.measurements(&by_tracker, &leave_one_out);
+        let assessment = Assessment::from_measurements(&measured);
         let mut found = Finished {
-            grade: judgement.grade(),
-            lines: judgement.lines,
-            findings: judgement.findings,
+            grade: assessment.grade(),
+            lines: assessment.lines,
+            findings: assessment.findings,
             hints: Vec::new(),
             report: String::new(),
             file: None,
         };
         let corners = if measured.has_tracker {
-            &tracked
+            &by_tracker
         } else {
-            &among
+            &leave_one_out
         };
-        found.report = written::page(made, &found, corners);
-        // A check writes its file whatever its grade.
-        found.file = written::file(made, &found, &measured);
+        found.report = output::report(provenance, &found, corners);
+        // A check always writes its file, even if refused.
+        found.file = output::result_file(provenance, &found, &measured);
         found
     }
 }

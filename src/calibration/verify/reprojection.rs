@@ -6,53 +6,56 @@ use penumbra_fiducials::{Registrar, TagMap, TagObservation};
 use penumbra_interface::{MonotonicTime, RigidTransform};
 use penumbra_numerics::{median, root_mean_square};
 
-/// Maximum error that is counted, pixels.
-const FARTHEST: f64 = 1e4;
+/// Larger errors are counted as this much, pixels.
+const MAX_ERROR: f64 = 1e4;
 
 /// Reprojection error of a tag's corner: detected minus predicted.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Off {
+pub struct CornerError {
     /// Detected position, pixels.
-    pub at: DVec2,
+    pub pixel: DVec2,
     /// Detected minus predicted position, pixels.
-    pub by: DVec2,
+    pub error: DVec2,
     /// Seconds since the first picture.
     pub seconds: f64,
 }
 
-/// Returns the errors of all corners under a pose from another source (the tracker).
-pub fn by_pose(
+/// Appends the errors of all corners under a pose from another source (the tracker) to `out`.
+pub fn add_pose_errors(
     camera: &PinholeCamera,
     map: &TagMap,
     seen: &[TagObservation],
     world_from_camera: RigidTransform,
     seconds: f64,
-    out: &mut Vec<Off>,
+    out: &mut Vec<CornerError>,
 ) {
     let camera_from_world = world_from_camera.inverse();
     for tag in seen {
         let Some(known) = map.get(tag.family, tag.id) else {
             continue;
         };
-        for (corner, at) in known.corners().into_iter().zip(tag.corners) {
-            let place = camera.project(camera_from_world.transform_point(corner));
+        for (corner, pixel) in known.corners().into_iter().zip(tag.corners) {
+            let predicted = camera.project(camera_from_world.transform_point(corner));
             // Behind the camera or outside the lens's range: counted with the maximum error.
-            let by = place.map_or(DVec2::splat(FARTHEST), |place| at - place);
-            let by = by.clamp_length_max(FARTHEST);
-            out.push(Off { at, by, seconds });
+            let error = predicted.map_or(DVec2::splat(MAX_ERROR), |predicted| pixel - predicted);
+            out.push(CornerError {
+                pixel,
+                error: error.clamp_length_max(MAX_ERROR),
+                seconds,
+            });
         }
     }
 }
 
-/// Returns the errors of each tag's corners under the pose from the other tags; needs two tags in
-/// a picture.
-pub fn by_the_others(
+/// Appends the errors of each tag's corners under the pose from the picture's other tags to `out`;
+/// pictures with one tag contribute nothing.
+pub fn add_leave_one_out_errors(
     camera: &PinholeCamera,
     map: &TagMap,
     seen: &[TagObservation],
     at: MonotonicTime,
     seconds: f64,
-    out: &mut Vec<Off>,
+    out: &mut Vec<CornerError>,
 ) {
     for (i, tag) in seen.iter().enumerate() {
         let others: Vec<TagObservation> = seen
@@ -62,7 +65,7 @@ pub fn by_the_others(
             .collect();
         let pose = Registrar::new(map.clone()).register(camera, &others, at);
         if let Some(pose) = pose {
-            by_pose(camera, map, &[*tag], pose.map_from_camera, seconds, out);
+            add_pose_errors(camera, map, &[*tag], pose.map_from_camera, seconds, out);
         }
     }
 }
@@ -77,7 +80,7 @@ pub struct Reprojection {
     /// Median error, pixels.
     pub median: f64,
     /// Maximum error, pixels.
-    pub worst: f64,
+    pub max: f64,
     /// Mean error, pixels: the systematic part, from a wrong mounting, map or lens.
     pub mean: DVec2,
     /// Number of corners.
@@ -86,25 +89,25 @@ pub struct Reprojection {
 
 /// Summarises the errors; `None` without corners.
 #[must_use]
-pub fn sum_up(all: &[Off]) -> Option<Reprojection> {
-    let lengths = || all.iter().map(|o| o.by.length());
+pub fn summarise(all: &[CornerError]) -> Option<Reprojection> {
+    let lengths = || all.iter().map(|c| c.error.length());
     let rms = root_mean_square(lengths());
     Some(Reprojection {
         rms,
         sigma: standard_error(all, rms),
         median: median(lengths())?,
-        worst: lengths().fold(0.0, f64::max),
-        mean: all.iter().map(|o| o.by).sum::<DVec2>() / all.len() as f64,
+        max: lengths().fold(0.0, f64::max),
+        mean: all.iter().map(|c| c.error).sum::<DVec2>() / all.len() as f64,
         corners: all.len(),
     })
 }
 
 /// Returns the standard error of `rms`, from the scatter of the mean squares of single seconds.
-fn standard_error(all: &[Off], rms: f64) -> f64 {
+fn standard_error(all: &[CornerError], rms: f64) -> f64 {
     let mut seconds: Vec<(i64, f64, f64)> = Vec::new();
-    for off in all {
-        let second = off.seconds.floor() as i64;
-        let square = off.by.length_squared();
+    for corner in all {
+        let second = corner.seconds.floor() as i64;
+        let square = corner.error.length_squared();
         match seconds.iter_mut().find(|s| s.0 == second) {
             Some(s) => (s.1, s.2) = (s.1 + square, s.2 + 1.0),
             None => seconds.push((second, square, 1.0)),
@@ -127,9 +130,13 @@ mod tests {
     use glam::{DQuat, DVec3};
     use penumbra_fiducials::synthetic::{camera, tag};
 
-    /// Returns the tags in a camera's picture, each corner displaced by `noise`.
-    fn seen(map: &TagMap, camera_from_map: RigidTransform, noise: DVec2) -> Vec<TagObservation> {
-        let place = |c: DVec3| {
+    /// Returns the tags in a camera's picture, each corner displaced by `shift`.
+    fn observations(
+        map: &TagMap,
+        camera_from_map: RigidTransform,
+        shift: DVec2,
+    ) -> Vec<TagObservation> {
+        let project = |c: DVec3| {
             camera()
                 .project(camera_from_map.transform_point(c))
                 .unwrap()
@@ -139,7 +146,7 @@ mod tests {
             .map(|tag| TagObservation {
                 family: tag.family,
                 id: tag.id,
-                corners: tag.corners().map(|c| place(c) + noise),
+                corners: tag.corners().map(|c| project(c) + shift),
                 margin: 1.0,
                 wrong_bits: 0,
             })
@@ -161,35 +168,35 @@ mod tests {
     fn constant_shift_of_corners_is_reported_as_mean() {
         let shift = DVec2::new(1.5, -2.0);
         let mut out = Vec::new();
-        let tags = seen(&map(), pose(), shift);
-        by_pose(&camera(), &map(), &tags, pose().inverse(), 0.0, &mut out);
-        let sum = sum_up(&out).unwrap();
-        assert!((sum.rms - 2.5).abs() < 1e-9 && sum.mean.distance(shift) < 1e-9);
-        assert_eq!(sum.corners, 12);
+        let tags = observations(&map(), pose(), shift);
+        add_pose_errors(&camera(), &map(), &tags, pose().inverse(), 0.0, &mut out);
+        let summary = summarise(&out).unwrap();
+        assert!((summary.rms - 2.5).abs() < 1e-9 && summary.mean.distance(shift) < 1e-9);
+        assert_eq!(summary.corners, 12);
     }
 
     #[test]
-    fn moved_tag_has_error_against_the_others() {
-        let mut tags = seen(&map(), pose(), DVec2::ZERO);
+    fn moved_tag_has_leave_one_out_error() {
+        let mut tags = observations(&map(), pose(), DVec2::ZERO);
         for corner in &mut tags[1].corners {
             corner.x += 4.0;
         }
         let mut out = Vec::new();
         let at = MonotonicTime::from_nanos(0);
-        by_the_others(&camera(), &map(), &tags, at, 0.0, &mut out);
-        let moved = out.iter().filter(|o| (o.by.x - 4.0).abs() < 0.2).count();
+        add_leave_one_out_errors(&camera(), &map(), &tags, at, 0.0, &mut out);
+        let moved = out.iter().filter(|c| (c.error.x - 4.0).abs() < 0.2).count();
         assert!(moved >= 4, "{out:?}");
     }
 
     #[test]
     fn standard_error_decreases_with_time() {
-        let off = |i: usize| Off {
-            at: DVec2::ZERO,
-            by: DVec2::new([1.0, 2.0, 0.5, 1.5][i % 4], 0.0),
+        let corner = |i: usize| CornerError {
+            pixel: DVec2::ZERO,
+            error: DVec2::new([1.0, 2.0, 0.5, 1.5][i % 4], 0.0),
             seconds: i as f64,
         };
-        let of = |n: usize| sum_up(&(0..n).map(off).collect::<Vec<_>>()).unwrap();
-        assert!(of(64).sigma < 0.5 * of(8).sigma);
-        assert!(sum_up(&[]).is_none());
+        let summary = |n: usize| summarise(&(0..n).map(corner).collect::<Vec<_>>()).unwrap();
+        assert!(summary(64).sigma < 0.5 * summary(8).sigma);
+        assert!(summarise(&[]).is_none());
     }
 }

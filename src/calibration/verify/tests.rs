@@ -31,8 +31,8 @@ fn rig() -> RigDocument {
         metres_per_unit: 1.0,
         field: None,
     });
-    let places = [(-0.09, -0.05), (0.1, 0.0), (0.0, 0.09)];
-    rig.markers = places.iter().zip(1..).map(marker).collect();
+    let centres = [(-0.09, -0.05), (0.1, 0.0), (0.0, 0.09)];
+    rig.markers = centres.iter().zip(1..).map(marker).collect();
     rig
 }
 
@@ -45,20 +45,20 @@ fn marker((&(x, y), id): (&(f64, f64), u32)) -> Marker {
     }
 }
 
-/// In front of the tags (their +Z points into the paper), with irregular rotation.
+/// Returns a pose in front of the tags (their +Z points into the paper), with irregular rotation.
 fn world_from_camera(t: f64) -> RigidTransform {
-    let turn = DQuat::from_euler(
+    let rotation = DQuat::from_euler(
         EulerRot::XYZ,
         0.25 * (3.1 * t).sin() + 0.1 * (7.3 * t).sin(),
         0.2 * (2.3 * t + 1.0).sin(),
         0.3 * (1.7 * t).sin(),
     );
     let centre = DVec3::new(0.02 * (2.0 * t).sin(), 0.01, 0.0);
-    RigidTransform::new(turn, centre + turn * DVec3::new(0.0, 0.0, -0.55))
+    RigidTransform::new(rotation, centre + rotation * DVec3::new(0.0, 0.0, -0.55))
 }
 
-/// Gives `step` six seconds of the ground-truth rig.
-fn show(step: &mut Verify) {
+/// Gives `step` six seconds of the ground-truth rig's data.
+fn feed(step: &mut Verify) {
     let truth = rig();
     let tracker = truth.calibration.tracker.clone().unwrap();
     let camera = &truth.calibration.scene_camera.camera;
@@ -101,7 +101,7 @@ fn show(step: &mut Verify) {
     }
 }
 
-fn checked(rig: RigDocument) -> Finished {
+fn check(rig: RigDocument) -> Finished {
     let family = |m: &Marker| m.family.parse().unwrap();
     let tags = rig.markers.iter().map(|m| penumbra_fiducials::Tag {
         family: family(m),
@@ -115,20 +115,20 @@ fn checked(rig: RigDocument) -> Finished {
         caster: None,
         station: 1,
     };
-    let photometry = WhiteBalanceMatch::new(WhiteBalanceSettings::default(), false);
-    let mut step = Verify::new(known, photometry);
-    show(&mut step);
+    let white_balance = WhiteBalanceMatch::new(WhiteBalanceSettings::default(), false);
+    let mut step = Verify::new(known, white_balance);
+    feed(&mut step);
     assert!(step.progress().message.contains("with markers"));
     step.finish(&CalibrationProvenance {
         date: "2026-11-22T00:00:00Z".to_owned(),
-        source: "drawn".to_owned(),
+        source: "synthetic".to_owned(),
         ..CalibrationProvenance::default()
     })
 }
 
 #[test]
 fn correct_rig_passes_and_reports_its_figures() {
-    let found = checked(rig());
+    let found = check(rig());
     assert_eq!(
         found.grade,
         Grade::Good,
@@ -141,20 +141,20 @@ fn correct_rig_passes_and_reports_its_figures() {
     assert!(number("reprojection_px") < 0.3, "{file}");
     assert!((number("latency_ms") - 1e3 * LATENCY).abs() < 2.0, "{file}");
     assert_eq!(file["verdict"], "good");
-    assert!(found.report.contains("By time"), "no plots");
+    assert!(found.report.contains("Error over time"), "no plots");
 }
 
 #[test]
-fn camera_that_slipped_on_its_mount_is_refused() {
+fn rotated_camera_mount_is_refused() {
     let mut slipped = rig();
     let tracker = slipped.calibration.tracker.as_mut().unwrap();
     let mount = &mut tracker.sensor_from_scene_camera;
     mount.rotation *= DQuat::from_rotation_y(1.5f64.to_radians());
-    let found = checked(slipped);
+    let found = check(slipped);
     assert_eq!(found.grade, Grade::Refused, "{:?}", found.lines);
     let first = &found.findings[0].1;
     assert!(first.contains("calibrate tracker"), "{first}");
-    // A refused check writes its file nevertheless.
+    // A refused check still writes its file.
     assert!(found.file.unwrap().contains("refused"));
 }
 
@@ -162,11 +162,11 @@ fn camera_that_slipped_on_its_mount_is_refused() {
 fn wrong_latency_is_measured() {
     let mut late = rig();
     late.calibration.tracker.as_mut().unwrap().latency_nanos += 15_000_000;
-    let found = checked(late);
+    let found = check(late);
     assert_ne!(found.grade, Grade::Good, "{:?}", found.lines);
-    let says = found
+    let is_reported = found
         .findings
         .iter()
         .any(|f| f.1.contains("calibrate latency"));
-    assert!(says, "{:?} {:?}", found.findings, found.lines);
+    assert!(is_reported, "{:?} {:?}", found.findings, found.lines);
 }

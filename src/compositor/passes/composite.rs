@@ -10,13 +10,13 @@ use super::shadow_buffer::{SurfaceLight, Surfaces};
 use super::surroundings::SurroundingsPictures;
 use wgpu::CompareFunction as Compare;
 
-/// Depth of a pixel that no virtual surface covers; `NOTHING_VIRTUAL` in the shader.
+/// Depth of a pixel without virtual surfaces; `NOTHING_VIRTUAL` in the shader.
 const NOTHING_VIRTUAL: f32 = 0.5;
 
 /// The pass.
 pub struct CompositePass {
     /// For tiles without virtual surfaces; then, for tiles with some: the background, pixels that
-    /// one surface fills, pixels on outlines.
+    /// one surface covers, pixels on outlines.
     pipelines: [wgpu::RenderPipeline; 4],
     picture: CachedGroup,
     surfaces: CachedGroup,
@@ -31,9 +31,9 @@ pub struct CompositeInputs<'a> {
     pub real: RealPicture<'a>,
     pub surfaces: Surfaces<'a>,
     pub light: SurfaceLight<'a>,
-    /// What virtual objects reflect of the real picture.
+    /// The real picture as virtual objects reflect it.
     pub surroundings: &'a SurroundingsPictures,
-    /// What they reflect of the environment.
+    /// The environment as virtual objects reflect it.
     pub gloss: &'a GlossMaps,
 }
 
@@ -68,7 +68,7 @@ impl CompositePass {
         let pipelines = [
             build("real_tile", "real", Compare::Always, false),
             build("background_tile", "background", Compare::Always, true),
-            build("whole_tile", "whole", Compare::Less, false),
+            build("interior_tile", "interior", Compare::Less, false),
             build("outline_tile", "outline", Compare::Greater, false),
         ];
         let smooth = device.create_sampler(&wgpu::SamplerDescriptor {
@@ -97,7 +97,7 @@ impl CompositePass {
         kinds: &FrameTexture,
         output: &'a FrameTexture,
     ) -> &'a FrameTexture {
-        // Where nothing is virtual, the picture is the camera's, bit for bit.
+        // Without virtual objects the picture is the camera's, bit for bit.
         if !self.exposed {
             r.encoder.copy_texture_to_texture(
                 inputs.real.camera.texture.as_image_copy(),

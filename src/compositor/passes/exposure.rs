@@ -15,7 +15,7 @@ use std::ops::Range;
 use wgpu::BufferUsages as Usage;
 use wgpu::TextureUsages as U;
 
-/// Blocks that one workgroup sums, each way.
+/// Blocks that one workgroup sums, per axis.
 const GROUP: u32 = 8;
 
 /// Twin of WGSL `Exposure`.
@@ -37,7 +37,7 @@ pub struct ExposurePass {
     highlights: wgpu::RenderPipeline,
     scaled: wgpu::RenderPipeline,
     /// For the entire picture, by the rule of DiVerdi and Höllerer 2004.
-    raised: wgpu::RenderPipeline,
+    scaled_by_region: wgpu::RenderPipeline,
     /// The table and the picture, for summing and for drawing.
     summing: [CachedGroup; 2],
     drawing: [CachedGroup; 2],
@@ -107,7 +107,7 @@ impl ExposurePass {
         ]
         .map(|layout| CachedGroup::new("exposure", layout));
         let groups = [&summing[0].layout, &summing[1].layout];
-        let table = ["sum_blocks", "scan_rows", "scan_columns", "look_around"]
+        let table = ["sum_blocks", "scan_rows", "scan_columns", "region_means"]
             .map(|entry| compute_pipeline(device, &module, &groups, entry));
         let module = shaders::one(device, picture);
         let build = |vertex, fragment| {
@@ -131,7 +131,7 @@ impl ExposurePass {
             scaled_tiles: build("plain_tile", "scaled"),
             highlights: build("clipped_tile", "highlights"),
             scaled: build("cover", "scaled"),
-            raised: build("cover", "raised"),
+            scaled_by_region: build("cover", "scaled_by_region"),
             summing,
             drawing,
             smooth: device.create_sampler(&wgpu::SamplerDescriptor {
@@ -149,8 +149,8 @@ impl ExposurePass {
         }
     }
 
-    /// Uploads the exposure of the next frame: its factor on linear light, and what clipped areas
-    /// become.
+    /// Uploads the exposure of the next frame: its factor on linear light, and the treatment of
+    /// clipped areas.
     pub fn upload(
         &self,
         queue: &wgpu::Queue,
@@ -176,7 +176,7 @@ impl ExposurePass {
     }
 
     /// Draws the exposed picture into `exposed.linear` and, as codes, into `output`. `highlights`
-    /// says what becomes of clipped areas in a shorter exposure; `None` for a longer one.
+    /// selects the treatment of clipped areas in a shorter exposure; `None` for a longer one.
     pub fn record<'a>(
         &mut self,
         r: &mut Recorder<'_>,
@@ -207,7 +207,7 @@ impl ExposurePass {
         pass.set_bind_group(1, picture, &[]);
         let all = match highlights {
             None => Some(&self.scaled),
-            Some(Highlights::Paper) => Some(&self.raised),
+            Some(Highlights::Paper) => Some(&self.scaled_by_region),
             Some(Highlights::Estimated) => None,
         };
         if let Some(all) = all {

@@ -32,7 +32,7 @@ impl LampResponsePass {
             groups: &[frame, &picture.layout, &scene.parts],
             vertex: "phantom_vertex",
             buffers: &[VERTEX_LAYOUT],
-            fragment: Some("answer"),
+            fragment: Some("respond"),
             targets: &[format::LIGHT],
             colours: wgpu::ColorWrites::ALL,
             // The triangles of `phantom_geometry` again: only visible surfaces are shaded.

@@ -4,12 +4,12 @@
 //! | pass | draws |
 //! |---|---|
 //! | [`exposure`] | the real picture in another exposure |
-//! | [`shadow_map`] | casters as seen from dome lights |
-//! | [`lamp_map`] | casters as seen from virtual lights |
+//! | [`shadow_map`] | depth of casters from dome lights |
+//! | [`lamp_map`] | depth of casters from virtual lights |
 //! | [`phantom_geometry`] | depth and normals of the real scene |
 //! | [`virtual_geometry`] | shape and material of virtual objects |
-//! | [`tiles`] | which lights matter in which tile |
-//! | [`shadow_buffer`] | light that surfaces lack |
+//! | [`tiles`] | the lights that affect each tile |
+//! | [`shadow_buffer`] | light that surfaces lose |
 //! | [`lamp_response`] | light that virtual lights add, by the paper's response |
 //! | [`surroundings`] | the shadowed real picture for reflections |
 //! | [`composite`] | the finished picture |

@@ -18,30 +18,30 @@ pub struct ShadowBufferPass {
     compare: wgpu::Sampler,
 }
 
-/// Both layers of the shadow buffer, whatever the source of the shadows.
+/// The passes of both layers of the shadow buffer, for either source of shadows.
 pub struct MarkedPasses {
     phantom: Marked,
     virtual_light: Marked,
 }
 
-/// A pipeline that marks texels, and one that works on the marked ones.
+/// A pipeline that marks texels, and one that computes the marked texels.
 struct Marked {
     mark: wgpu::RenderPipeline,
     work: wgpu::RenderPipeline,
 }
 
-/// Light that surfaces lack or have left, one texel per shadow step.
+/// Lost light of real surfaces and remaining light of virtual ones, one texel per shadow step.
 pub struct ShadowPictures {
-    /// Factor of the real picture, or what is subtracted from it.
+    /// Factor on the real picture, or the light that is subtracted from it.
     pub phantom_shadow: FrameTexture,
-    /// Irradiance left on virtual surfaces, packed.
+    /// Remaining irradiance on virtual surfaces, packed.
     pub virtual_light: FrameTexture,
     /// Depth buffer of both layers: the texels that need work.
     marks: FrameTexture,
 }
 
 impl ShadowPictures {
-    /// For pictures of `size` pixels with `step` pixels per texel, each way.
+    /// For pictures of `size` pixels with `step` pixels per texel, per axis.
     pub fn new(device: &wgpu::Device, size: (u32, u32), step: u32) -> Self {
         let size = coarse_size(size, step);
         let marks = wgpu::TextureUsages::RENDER_ATTACHMENT;
@@ -53,7 +53,7 @@ impl ShadowPictures {
     }
 }
 
-/// Light that falls onto surfaces or that they lack.
+/// Light that surfaces receive or lose.
 #[derive(Clone, Copy)]
 pub struct SurfaceLight<'a> {
     pub shadows: &'a ShadowPictures,

@@ -1,5 +1,4 @@
-//! The shadowed real picture in linear light, as a chain of coarser and coarser levels, which
-//! virtual objects reflect.
+//! The shadowed real picture in linear light with its mip levels, which virtual objects reflect.
 
 use super::super::bindings::{CachedGroup, PipelineSpec, Slot, group, layout, view};
 use super::super::recorder::{Recorder, cover};
@@ -14,7 +13,7 @@ pub struct SurroundingsPass {
     halve: wgpu::RenderPipeline,
     picture: CachedGroup,
     finer_layout: wgpu::BindGroupLayout,
-    /// Groups of the finer level for each level, and the first level that they were made for.
+    /// Bind groups of the finer level for each level, and the first level for which they were made.
     finer: Option<(wgpu::TextureView, Vec<wgpu::BindGroup>)>,
 }
 
@@ -101,8 +100,8 @@ impl SurroundingsPass {
         let first = &output.levels[0];
         let kept = self.finer.take().filter(|(of, _)| of == first);
         let (_, finer) = self.finer.insert(kept.unwrap_or_else(|| {
-            // The first level reads the picture alone; its layout still asks for a finer level:
-            // any texture that is not being drawn.
+            // The first level reads only the picture; its layout still requires a finer level: any
+            // texture that is not being drawn.
             let finer = std::iter::once(shadow).chain(&output.levels);
             let bound = |v| {
                 group(

@@ -1,5 +1,5 @@
-//! Sorts the picture into tiles by the dome lights that could be blocked there, and by the virtual
-//! lights that shine there.
+//! Classifies the tiles of the picture by the dome lights that may be blocked there, and by the
+//! virtual lights that reach them.
 
 use super::super::bindings::{CachedGroup, PipelineSpec, Slot, view};
 use super::super::recorder::{Recorder, bind_all, cleared};
@@ -15,11 +15,11 @@ pub struct TilesPass {
     surfaces: CachedGroup,
 }
 
-/// One texel per tile: masks of the lights that matter there.
+/// One texel per tile: masks of the lights that affect it.
 pub struct TileMasks {
-    /// Dome lights that could be blocked.
+    /// Dome lights that may be blocked.
     pub lights: FrameTexture,
-    /// Virtual lights that shine there.
+    /// Virtual lights that reach the tile.
     pub lamps: FrameTexture,
 }
 

@@ -99,7 +99,7 @@ impl VirtualGeometryPass {
         let [first, second] = output.surface.each_ref();
         let mut pass = r.encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
             label: Some("virtual_geometry"),
-            // The first alone says where a surface is: the second need not be cleared.
+            // The first target alone marks surfaces: the second need not be cleared.
             color_attachments: &[
                 cleared(&first.view),
                 colour(&second.view, wgpu::LoadOp::Load),

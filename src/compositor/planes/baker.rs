@@ -18,7 +18,7 @@ use penumbra_scene::planes::{
 use std::ops::ControlFlow;
 use wgpu::BufferUsages as U;
 
-/// Bits of a plane's flag; twins of the constants in `lib/lost.wgsl`.
+/// Bits of a plane's flag; twins of the constants in `lib/image_flags.wgsl`.
 const ALL_PASS: u32 = 1;
 const PHANTOMS_PASS: u32 = 2;
 const ALL_HIDE: u32 = 4;

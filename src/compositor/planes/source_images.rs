@@ -86,7 +86,7 @@ impl Store {
         Self {
             store: pipeline("store"),
             number: pipeline("number"),
-            forget: pipeline("forget"),
+            forget: pipeline("reset"),
             layout,
         }
     }

@@ -119,7 +119,7 @@ impl SourceLights {
         let buffer =
             |rows: usize, usage| buffer_of(device, "lights", 16 * rows as u64, U::STORAGE | usage);
         Self {
-            give: compute_pipeline(device, &module, &[&layout], "give"),
+            give: compute_pipeline(device, &module, &[&layout], "assign"),
             layout,
             taken: buffer(rows.len(), U::COPY_DST),
             lights: buffer(faces + SOURCE_LIGHTS, U::COPY_SRC),

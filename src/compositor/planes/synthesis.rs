@@ -50,12 +50,12 @@ struct SumPlane {
 #[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
 struct Job {
     groups: [u32; 3],
-    anew: u32,
+    recompute: u32,
     stored: u32,
     black: u32,
     skipped: u32,
     unused: u32,
-    whole: [f32; 4],
+    asum: [f32; 4],
 }
 
 /// What a frame had to do.
@@ -117,7 +117,7 @@ impl SynthesisPasses {
         let module = shaders::one(device, shaders::planning());
         Self {
             plan: compute_pipeline(device, &module, &[&plan_layout], "plan"),
-            whole: compute_pipeline(device, &module, &[&plan_layout], "whole_by_normal"),
+            whole: compute_pipeline(device, &module, &[&plan_layout], "asum_by_normal"),
             shown_layout: bindings::layout(device, "shown planes", &slots),
             plan_layout,
             sum_layout,

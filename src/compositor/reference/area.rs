@@ -1,11 +1,11 @@
-//! The twin of `lib/area_lamps.wgsl`: what a rectangle shines on a surface.
+//! The twin of `lib/area_lamps.wgsl`: the light of a rectangle on a surface.
 
 use glam::DVec3;
 use std::f64::consts::TAU;
 
-/// Share of a cosine-weighted hemisphere about the unit normal `n` that a convex polygon fills
-/// whose `corners` are relative to the point: Lambert's formula (Photometria, 1760) over what of
-/// the polygon is above the horizon.
+/// Returns the fraction of the cosine-weighted hemisphere about the unit normal `n` that a convex
+/// polygon fills, whose `corners` are relative to the point: Lambert's formula (Photometria, 1760)
+/// over the part of the polygon above the horizon.
 #[must_use]
 pub fn form_factor(corners: &[DVec3], n: DVec3) -> f64 {
     let above = above_horizon(corners, n);
@@ -19,7 +19,7 @@ pub fn form_factor(corners: &[DVec3], n: DVec3) -> f64 {
     sum.abs() / TAU
 }
 
-/// Sutherland and Hodgman's clipping (1974) by one plane.
+/// Clips the polygon by the horizon plane (Sutherland and Hodgman 1974).
 fn above_horizon(corners: &[DVec3], n: DVec3) -> Vec<DVec3> {
     let mut kept = Vec::new();
     for (a, b) in corners.iter().zip(corners.iter().cycle().skip(1)) {
@@ -39,7 +39,7 @@ mod tests {
     #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
     use super::*;
 
-    /// By midpoints of small patches.
+    /// Integrates the form factor by midpoints of small patches.
     fn integrated(corners: &[DVec3; 4], n: DVec3) -> f64 {
         const SIDE: usize = 1500;
         let (u, v) = (corners[1] - corners[0], corners[3] - corners[0]);
@@ -56,12 +56,12 @@ mod tests {
         sum * patch / std::f64::consts::PI
     }
 
-    fn rectangle(middle: DVec3, right: DVec3, up: DVec3) -> [DVec3; 4] {
-        [-right - up, right - up, right + up, up - right].map(|off| middle + off)
+    fn rectangle(centre: DVec3, right: DVec3, up: DVec3) -> [DVec3; 4] {
+        [-right - up, right - up, right + up, up - right].map(|off| centre + off)
     }
 
     #[test]
-    fn a_square_overhead_is_as_the_catalogue_says() {
+    fn overhead_square_has_the_catalogues_form_factor() {
         // Element parallel to a square of side a at height a over its corner (Howell, B-3):
         // 2 / 2π · (1/√2) atan(1/√2).
         let square = [
@@ -71,12 +71,12 @@ mod tests {
             DVec3::new(0.0, 1.0, 1.0),
         ];
         let half = 0.5_f64.sqrt();
-        let wanted = half * half.atan() / std::f64::consts::PI;
-        assert!((form_factor(&square, DVec3::Z) - wanted).abs() < 1e-12);
+        let expected = half * half.atan() / std::f64::consts::PI;
+        assert!((form_factor(&square, DVec3::Z) - expected).abs() < 1e-12);
     }
 
     #[test]
-    fn it_is_the_integral_also_near_by_and_across_the_horizon() {
+    fn form_factor_equals_the_integral_near_by_and_across_the_horizon() {
         let upright = rectangle(DVec3::new(0.0, 0.5, 0.1), DVec3::X * 0.3, DVec3::Z * 0.3);
         let close = rectangle(DVec3::new(0.1, 0.0, 0.03), DVec3::X * 0.3, DVec3::Y * 0.2);
         let slanting = rectangle(
@@ -98,7 +98,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_comes_from_below_the_horizon() {
+    fn rectangle_below_the_horizon_gives_no_light() {
         let below = rectangle(DVec3::new(0.0, 0.5, -0.4), DVec3::X * 0.3, DVec3::Z * 0.3);
         assert_eq!(form_factor(&below, DVec3::Z), 0.0);
     }

@@ -1,17 +1,19 @@
-//! The camera's picture in another exposure: sums over whole regions, no table.
+//! The camera's picture in another exposure, with plain sums over entire regions instead of a
+//! table.
 
 use super::super::exposure::Exposure;
 use super::super::exposure::region::{BLOCK, Region, estimate as e, trust};
 use super::super::frame_input::FrameInput;
 use glam::{DVec3, DVec4};
 use penumbra_camera::Response;
+use penumbra_numerics::smoothstep;
 use penumbra_picture::Picture;
 use penumbra_scene::Highlights;
 
 const LUMINANCE: DVec3 = DVec3::new(0.2126, 0.7152, 0.0722);
 
-/// Factor on linear light. An automatic exposure depends on the pictures before, which the twin
-/// does not know: it takes the camera's.
+/// Returns the factor on linear light. An automatic exposure depends on earlier pictures, which the
+/// twin does not have: it uses the camera's exposure.
 #[must_use]
 pub fn factor(input: &FrameInput<'_>) -> f32 {
     match input.exposure {
@@ -20,8 +22,8 @@ pub fn factor(input: &FrameInput<'_>) -> f32 {
     }
 }
 
-/// Linear light of every pixel with all light times `factor`, row by row; above 1 where that is
-/// white.
+/// Returns the linear light of every pixel, row by row, with all light multiplied by `factor`;
+/// above 1 where the pixel becomes white.
 #[must_use]
 pub fn exposed(
     picture: &Picture,
@@ -51,7 +53,7 @@ pub fn exposed(
 }
 
 /// The paper's rule: the factor rises from `factor` to 1 with the mean intensity of a region that
-/// grows with what is taken away (DiVerdi and Höllerer 2004, section 4.3).
+/// grows with the darkening (DiVerdi and Höllerer 2004, section 4.3).
 fn by_paper(picture: &Picture, response: &Response, factor: f32, region: Region) -> Vec<DVec3> {
     let blocks = Blocks::new(picture, response, region, |region, _| {
         DVec4::W * (region.intensity / region.pixels)
@@ -72,15 +74,15 @@ fn clipped(codes: [u8; 3]) -> DVec3 {
     DVec3::from(codes.map(|c| ((f64::from(c) - from) / (to - from)).clamp(0.0, 1.0)))
 }
 
-/// What clipped channels of a pixel stand for: by its other channels and the colour of its
-/// surroundings where they tell, else by how far the surroundings put it above white.
+/// Estimates the light of a pixel's clipped channels: from its unclipped channels and the colour of
+/// its surroundings where these are reliable, else from the surroundings' height above white.
 fn level(linear: DVec3, clipped: DVec3, around: DVec4) -> DVec3 {
-    let told = DVec3::ONE - clipped;
+    let reliable = DVec3::ONE - clipped;
     let colour = around.truncate();
-    let scale = told.dot(linear) / told.dot(colour).max(1e-6);
+    let scale = reliable.dot(linear) / reliable.dot(colour).max(1e-6);
     let by_colour = (colour * scale).clamp(DVec3::ONE, DVec3::splat(f64::from(e::MOST_BY_COLOUR)));
     let by_region = 1.0 + around.w;
-    let known = told.element_sum().clamp(0.0, 1.0) * colour.max_element();
+    let known = reliable.element_sum().clamp(0.0, 1.0) * colour.max_element();
     DVec3::from(
         by_colour
             .to_array()
@@ -93,8 +95,8 @@ fn level(linear: DVec3, clipped: DVec3, around: DVec4) -> DVec3 {
 struct Sums {
     colour: DVec3,
     clipped: f64,
-    told: f64,
-    told_squared: f64,
+    reliable: f64,
+    reliable_squared: f64,
     intensity: f64,
     pixels: f64,
 }
@@ -103,8 +105,8 @@ impl Sums {
     fn add(&mut self, other: &Self, weight: f64) {
         self.colour += other.colour * weight;
         self.clipped += other.clipped * weight;
-        self.told += other.told * weight;
-        self.told_squared += other.told_squared * weight;
+        self.reliable += other.reliable * weight;
+        self.reliable_squared += other.reliable_squared * weight;
         self.intensity += other.intensity * weight;
         self.pixels += other.pixels * weight;
     }
@@ -112,37 +114,43 @@ impl Sums {
     fn pixel(codes: [u8; 3], response: &Response) -> Self {
         let linear = DVec3::from(response.linear_from_rgb(codes).map(f64::from));
         let (clipped, y) = (clipped(codes), linear.dot(LUMINANCE));
-        let told = (1.0 - clipped.min_element()) * y;
+        let reliable = (1.0 - clipped.min_element()) * y;
         Self {
             colour: linear * (y * (1.0 - clipped.max_element())),
             clipped: clipped.max_element(),
-            told,
-            told_squared: told * y,
+            reliable,
+            reliable_squared: reliable * y,
             intensity: linear.element_sum() / 3.0,
             pixels: 1.0,
         }
     }
 
-    /// How far clipped light in the midst of this is above white.
+    /// Estimated light above white of clipped pixels in this region.
     fn excess(&self) -> f64 {
         let faint = f64::from(e::FAINT) * self.pixels;
-        let surround = (self.told_squared + faint * f64::from(e::USUAL)) / (self.told + faint);
+        let surround =
+            (self.reliable_squared + faint * f64::from(e::USUAL)) / (self.reliable + faint);
         let edge = (1.0 - surround).clamp(0.0, 1.0);
-        let size = smoothstep(e::SMALL_SHARE, e::LARGE_SHARE, self.clipped / self.pixels);
-        let most = f64::from(e::SMALL_EXCESS);
-        edge * edge * (most + (f64::from(e::LARGE_EXCESS) - most) * size)
+        let size = smoothstep(
+            f64::from(e::SMALL_SHARE),
+            f64::from(e::LARGE_SHARE),
+            self.clipped / self.pixels,
+        );
+        let small = f64::from(e::SMALL_EXCESS);
+        edge * edge * (small + (f64::from(e::LARGE_EXCESS) - small) * size)
     }
 
-    /// 1 where light rises gently to what is clipped, by what is close by.
+    /// 1 where the light of the neighbourhood rises gradually to the clipped pixels.
     fn gentleness(&self) -> f64 {
         let free = 1.0 - self.clipped / self.pixels;
-        let mean = self.told / self.pixels / (free + 1e-3);
-        smoothstep(e::SHARP, e::GENTLE, mean) * (free * f64::from(e::ENOUGH)).clamp(0.0, 1.0)
+        let mean = self.reliable / self.pixels / (free + 1e-3);
+        smoothstep(f64::from(e::SHARP), f64::from(e::GENTLE), mean)
+            * (free * f64::from(e::ENOUGH)).clamp(0.0, 1.0)
     }
 }
 
-/// Colour of what is not clipped, its greatest channel how sure it is, and how far clipped light
-/// is above white.
+/// Colour of the unclipped pixels, whose greatest channel is its confidence, and the clipped light
+/// above white.
 fn around(region: &Sums, near: &Sums) -> DVec4 {
     let far = f64::from(e::FAR_COLOUR);
     let colour = near.colour / near.pixels + far * region.colour / region.pixels;
@@ -150,12 +158,7 @@ fn around(region: &Sums, near: &Sums) -> DVec4 {
     colour.extend(region.excess() * (1.0 - near.gentleness()))
 }
 
-fn smoothstep(low: f32, high: f32, x: f64) -> f64 {
-    let t = ((x - f64::from(low)) / f64::from(high - low)).clamp(0.0, 1.0);
-    t * t * (3.0 - 2.0 * t)
-}
-
-/// What surrounds each block.
+/// The surroundings of each block.
 struct Blocks {
     across: i64,
     down: i64,
@@ -163,7 +166,7 @@ struct Blocks {
 }
 
 impl Blocks {
-    /// `of` makes what is asked for of a region and of what is close by.
+    /// `of` computes the result from the sums of a region and of the neighbourhood.
     fn new(
         picture: &Picture,
         response: &Response,
@@ -203,10 +206,10 @@ impl Blocks {
         }
     }
 
-    /// At a pixel's middle, between the middles of blocks.
+    /// Interpolates at a pixel's centre between the centres of blocks.
     fn around(&self, x: u32, y: u32) -> DVec4 {
-        let place = |v: u32| (f64::from(v) + 0.5) / f64::from(BLOCK) - 0.5;
-        let (u, v) = (place(x), place(y));
+        let position = |v: u32| (f64::from(v) + 0.5) / f64::from(BLOCK) - 0.5;
+        let (u, v) = (position(x), position(y));
         let at = |i: i64, j: i64| {
             let (i, j) = (i.clamp(0, self.across - 1), j.clamp(0, self.down - 1));
             self.around[(j * self.across + i) as usize]

@@ -1,56 +1,57 @@
-//! Lamps: one shadow ray to each, and both ways in which real surfaces answer them.
+//! Lamps: one shadow ray to each, and both responses of real surfaces.
 
 use super::surface::{Reference, Surface};
 use glam::{DVec3, Vec3};
 use penumbra_scene::PlacedLamp;
 use std::f64::consts::PI;
 
-/// A lamp as a surface has it.
-pub(super) struct Reaching {
-    /// Unit vector to it.
+/// The light of a lamp at a surface.
+pub(super) struct LampLight {
+    /// Unit vector to the lamp.
     to: DVec3,
-    /// Irradiance facing it, shadows counted.
+    /// Irradiance facing the lamp, with its shadow.
     facing: DVec3,
-    /// Nothing stands in between.
+    /// Whether nothing blocks the lamp.
     pub seen: bool,
 }
 
 impl Reference {
-    /// Each of `lamps`; what is in shadow has lost `strength` of it.
+    /// Returns the light of each of `lamps`; shadows reduce it by `strength`.
     pub(super) fn lamps(
         &self,
         surface: &Surface,
         lamps: &[PlacedLamp],
         strength: f32,
-    ) -> Vec<Reaching> {
-        let reaching = |lamp: &PlacedLamp| {
+    ) -> Vec<LampLight> {
+        let lamp_light = |lamp: &PlacedLamp| {
             let off = lamp.position - surface.point;
             let (to, distance) = (off.normalize(), off.length());
             let seen = surface.normal.dot(to.as_dvec3()) <= 0.0 || self.sees(surface, to, distance);
             let open = if seen { 1.0 } else { 1.0 - strength };
-            Reaching {
+            LampLight {
                 to: to.as_dvec3(),
                 facing: (lamp.intensity * lamp.falloff(-to) * open).as_dvec3()
                     / f64::from(distance).powi(2),
                 seen,
             }
         };
-        lamps.iter().map(reaching).collect()
+        lamps.iter().map(lamp_light).collect()
     }
 }
 
-/// Irradiance of all.
-pub(super) fn irradiance(normal: DVec3, lamps: &[Reaching]) -> DVec3 {
+/// Irradiance from all lamps.
+pub(super) fn irradiance(normal: DVec3, lamps: &[LampLight]) -> DVec3 {
     let each = lamps.iter().map(|l| l.facing * normal.dot(l.to).max(0.0));
     each.sum()
 }
 
-/// Below this cosine a surface fades into its own shadow.
+/// Below this cosine the light fades to zero, as a surface turns into its own shadow.
 const GRAZING: f64 = 0.1;
 
 /// The paper's response to a lamp along the unit vector `to` (DiVerdi and Höllerer 2004, section
-/// 4.2): `additive` is N·L, `intensity` that of the video, `brightest` the direction of the
-/// brightest physical light times its dominance. A share of what white shows that faces the lamp.
+/// 4.2), as a fraction of the light of a white surface that faces the lamp: `additive` is N·L,
+/// `intensity` that of the video, `brightest` the direction of the brightest physical light times
+/// its dominance.
 #[must_use]
 pub fn response(to: DVec3, additive: f64, intensity: f64, brightest: DVec3) -> f64 {
     let alpha = brightest.dot(to).clamp(-1.0, 1.0);
@@ -64,11 +65,11 @@ pub fn response(to: DVec3, additive: f64, intensity: f64, brightest: DVec3) -> f
     response * (additive / GRAZING).clamp(0.0, 1.0)
 }
 
-/// Light that lamps add to a real surface of diffuse reflectance `surface.albedo` (white if it is
-/// not known) which shows `video`, linear.
+/// Light that lamps add to a real surface of diffuse reflectance `surface.albedo` (white if
+/// unknown) which shows `video`, linear.
 pub(super) fn added_by_paper(
     surface: &Surface,
-    lamps: &[Reaching],
+    lamps: &[LampLight],
     brightest: Vec3,
     video: DVec3,
 ) -> DVec3 {
@@ -93,7 +94,7 @@ mod tests {
     /// close to zero, from the additive factor, and when it is negative one, the inverse of the
     /// multiplicative factor is used".
     #[test]
-    fn the_papers_three_cases() {
+    fn response_matches_the_papers_three_cases() {
         for additive in [0.2, 0.7, 1.0] {
             for intensity in [0.0, 0.25, 1.0] {
                 assert!((at(1.0, additive, intensity) - intensity).abs() < 1e-12);
@@ -106,14 +107,14 @@ mod tests {
     }
 
     #[test]
-    fn without_dominance_it_is_the_cosine_wherever_the_lamp_is() {
+    fn response_without_dominance_is_the_cosine() {
         for to in [DVec3::X, DVec3::NEG_X, DVec3::Z] {
             assert_eq!(response(to, 0.6, 0.1, DVec3::ZERO), 0.6);
         }
     }
 
     #[test]
-    fn a_lamp_behind_a_surface_gives_it_nothing() {
+    fn lamp_behind_a_surface_adds_no_light() {
         for alpha in [-1.0, 0.0, 1.0] {
             assert_eq!(at(alpha, -0.2, 0.5), 0.0);
             assert_eq!(at(alpha, 0.0, 0.5), 0.0);

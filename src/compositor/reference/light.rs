@@ -1,22 +1,22 @@
 //! Sums over the dome lights.
 
-use super::surface::{Reaching, Surface};
+use super::surface::{Surface, Visibility};
 use glam::DVec3;
 use penumbra_lighting::{LightKind, Lighting};
 use std::f64::consts::PI;
 
 /// Light on a real surface.
 pub(super) struct OnPhantom {
-    /// What virtual casters keep away.
+    /// Light that virtual casters block.
     pub lost: DVec3,
-    /// What arrives in the real scene.
+    /// Light that arrives in the real scene.
     pub arriving: DVec3,
-    /// What the dome lights alone would, without any shadow.
+    /// Unshadowed light of the dome lights alone.
     pub open: DVec3,
 }
 
-/// Supan 2006, eq. 3, with `P_i` the share of light i that phantoms let through and `S_i`
-/// the share that virtual casters do (0 or 1 for hard shadows):
+/// Supan 2006, eq. 3, with `P_i` the fraction of light i that phantoms let through and `S_i` the
+/// fraction that virtual casters do (0 or 1 for hard shadows):
 ///
 /// ```text
 ///   R = Σ C_i · N·L_i · P_i · (1 − S_i)
@@ -24,7 +24,7 @@ pub(super) struct OnPhantom {
 /// ```
 pub(super) fn on_phantom(
     surface: &Surface,
-    reaching: &[Reaching],
+    visibility: &[Visibility],
     lighting: &Lighting,
     ground: bool,
 ) -> OnPhantom {
@@ -38,22 +38,21 @@ pub(super) fn on_phantom(
         open: DVec3::ZERO,
         arriving: lighting.ground_radiance.as_dvec3() * (PI * below),
     };
-    for (light, reaching) in lighting.lights.iter().zip(reaching) {
+    for (light, visibility) in lighting.lights.iter().zip(visibility) {
         let facing = surface.normal.dot(light.direction.as_dvec3()).max(0.0);
         let received = light.irradiance.as_dvec3() * facing;
         sums.open += received;
-        sums.arriving += received * reaching.past_phantoms;
-        sums.lost += received * (reaching.past_phantoms - reaching.past_both);
+        sums.arriving += received * visibility.past_phantoms;
+        sums.lost += received * (visibility.past_phantoms - visibility.past_both);
     }
     sums
 }
 
-/// Radiance leaving a diffuse virtual surface: the sky and the compact sources, less what
-/// is hidden of either, what virtual surfaces throw at one another instead of the sky, and the
-/// irradiance from `lamps`.
+/// Radiance leaving a diffuse virtual surface: from the sky and the compact sources, minus the
+/// blocked light, plus interreflection between virtual surfaces and the irradiance from `lamps`.
 pub(super) fn of_virtual(
     surface: &Surface,
-    reaching: &[Reaching],
+    visibility: &[Visibility],
     lighting: &Lighting,
     lamps: DVec3,
 ) -> DVec3 {
@@ -62,24 +61,24 @@ pub(super) fn of_virtual(
         .irradiance(surface.normal.as_vec3())
         .as_dvec3();
     let (mut cells, mut hidden) = (DVec3::ZERO, DVec3::ZERO);
-    for (light, reaching) in lighting.lights.iter().zip(reaching) {
+    for (light, visibility) in lighting.lights.iter().zip(visibility) {
         let facing = surface.normal.dot(light.direction.as_dvec3()).max(0.0);
         let received = light.irradiance.as_dvec3() * facing;
         if light.kind == LightKind::Compact {
             irradiance += received;
         } else {
             cells += received;
-            hidden += received * (1.0 - reaching.past_virtual);
+            hidden += received * (1.0 - visibility.past_virtual);
         }
-        irradiance -= received * (1.0 - reaching.past_both);
+        irradiance -= received * (1.0 - visibility.past_both);
     }
     let open = (1.0 - hidden / cells.max(DVec3::splat(1e-9))).clamp(DVec3::ZERO, DVec3::ONE);
     irradiance += cells * (with_bounces(open, surface.diffuse) - open);
     surface.diffuse * (irradiance + lamps).max(DVec3::ZERO) / PI + surface.emissive
 }
 
-/// Jimenez et al. 2016, eq. 10: the open share of the sky with light between surfaces of
-/// one colour, as a cubic of the open share alone.
+/// Jimenez et al. 2016, eq. 10: the open fraction of the sky, corrected for interreflection between
+/// surfaces of one colour, as a cubic of the open fraction.
 fn with_bounces(open: DVec3, albedo: DVec3) -> DVec3 {
     let (a, b, c) = (
         2.0404 * albedo - 0.3324,

@@ -1,9 +1,9 @@
-//! What the compositor should show, worked out slowly on the CPU: the judge of its tests.
+//! A slow CPU reference of the compositor, for its tests.
 //!
-//! One ray through the middle of each pixel, one ray to each light, sums in `f64`; no
-//! shadow maps, no tiles, no tables. Light mirrored by virtual objects and light thrown up
-//! at them by the ground close by are not in it, so virtual surfaces are judged without
-//! specular reflection and without ground.
+//! One ray through the centre of each pixel, one ray to each light, sums in `f64`; no shadow maps,
+//! no tiles, no tables. Specular reflection of virtual objects and the light that the nearby ground
+//! reflects onto them are omitted, so virtual surfaces are compared without specular reflection and
+//! without ground.
 
 pub mod area;
 pub mod exposure;
@@ -20,23 +20,23 @@ use penumbra_camera::Response;
 use penumbra_picture::Picture;
 use penumbra_scene::{LampResponse, ShadowMode};
 
-/// One pixel as it should be.
+/// One reference pixel.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ReferencePixel {
-    /// What is there.
+    /// Kind of the visible surface.
     pub seen: Seen,
     /// Linear light.
     pub linear: DVec3,
-    /// Of the surface seen: which part it is and which lights reach it. Pixels of equal
-    /// footprints have no outline and no shadow's edge between them.
+    /// Hash of the visible surface's part and of the lights that reach it. No outline and no shadow
+    /// edge separates pixels of equal footprints.
     pub footprint: u64,
-    /// Of the surface seen; zero where nothing is.
+    /// Normal of the visible surface; zero if there is none.
     pub normal: DVec3,
-    /// True where nothing virtual is seen and no virtual shadow falls.
+    /// Whether the pixel shows no virtual surface and no virtual shadow.
     pub untouched: bool,
 }
 
-/// A whole picture as it should be.
+/// A reference picture.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ReferencePicture {
     /// Row by row.
@@ -46,7 +46,7 @@ pub struct ReferencePicture {
 }
 
 impl Reference {
-    /// The picture that a frame should become.
+    /// Renders the reference picture of a frame.
     #[must_use]
     pub fn compose(&self, input: &FrameInput<'_>, response: &Response) -> ReferencePicture {
         let (width, height) = (input.picture.width, input.picture.height);
@@ -79,14 +79,14 @@ impl Reference {
         ReferencePicture { pixels, picture }
     }
 
-    /// `camera`: the picture in the exposure that is shown, and in its own.
+    /// `camera`: the picture's light at the pixel in the shown exposure, and in the camera's own.
     fn pixel(
         &self,
         at: (u32, u32),
         [camera, video]: [DVec3; 2],
         input: &FrameInput<'_>,
     ) -> ReferencePixel {
-        // What is virtual, in the exposure that `camera` is in.
+        // Virtual surfaces are shown in the exposure of `camera`.
         let factor = f64::from(exposure::factor(input));
         let bare = ReferencePixel {
             seen: Seen::Camera,
@@ -101,22 +101,22 @@ impl Reference {
         let Some(surface) = self.surface(at, input.camera, pose, input.show_virtual) else {
             return bare;
         };
-        let reaching = self.reaching(&surface, &lighting.lights);
+        let visibility = self.visibility(&surface, &lighting.lights);
         let strength = input.shadow_strength;
         let shown: &[_] = if input.show_virtual { input.lamps } else { &[] };
         let lamps = self.lamps(&surface, shown, strength);
-        let footprint = surface::footprint(&surface, &reaching, lamps.iter().map(|l| l.seen));
+        let footprint = surface::footprint(&surface, &visibility, lamps.iter().map(|l| l.seen));
         let lit = lamps::irradiance(surface.normal, &lamps);
         if surface.seen == Seen::Virtual {
             return ReferencePixel {
                 seen: Seen::Virtual,
-                linear: light::of_virtual(&surface, &reaching, lighting, lit) * factor,
+                linear: light::of_virtual(&surface, &visibility, lighting, lit) * factor,
                 footprint,
                 normal: surface.normal,
                 untouched: false,
             };
         }
-        let sums = light::on_phantom(&surface, &reaching, lighting, self.has_ground);
+        let sums = light::on_phantom(&surface, &visibility, lighting, self.has_ground);
         let lost = sums.lost * f64::from(strength);
         let untouched =
             !input.show_virtual || surface.mirror || (lost == DVec3::ZERO && lit == DVec3::ZERO);
@@ -132,9 +132,9 @@ impl Reference {
         let linear = match input.shadow_mode {
             _ if untouched => camera,
             ShadowMode::Ratio => {
-                // Where next to nothing arrives, nothing is known of what is reflected.
-                let least = (0.05 * sums.open).max(DVec3::splat(1e-4));
-                camera * (1.0 - lost / arriving + multiplied / arriving.max(least)) + apart
+                // Where almost no light arrives, the reflectance cannot be estimated.
+                let lowest = (0.05 * sums.open).max(DVec3::splat(1e-4));
+                camera * (1.0 - lost / arriving + multiplied / arriving.max(lowest)) + apart
             }
             ShadowMode::Subtract => {
                 let less = (lost - multiplied) * (factor / std::f64::consts::PI);

@@ -1,4 +1,4 @@
-//! What a pixel shows, and which lights reach it.
+//! The visible surface of a pixel, and the lights that reach it.
 
 use super::super::mesh_buffers::is_ground;
 use glam::{DVec2, DVec3, Vec3};
@@ -8,14 +8,14 @@ use penumbra_lighting::DomeLight;
 use penumbra_scene::{Hit, Part, RayCaster, Scene};
 use std::hash::{DefaultHasher, Hash, Hasher};
 
-/// A shadow ray starts so far above its surface, metres: past the rounding of `f32` at
-/// arm's length, nearer than anything a test looks at.
+/// Offset of a shadow ray's start from its surface, metres: above the rounding of `f32` at arm's
+/// length, below the size of any tested detail.
 const LIFT: f32 = 1e-4;
 
-/// What a pixel shows.
+/// The kind of surface that a pixel shows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Seen {
-    /// Nothing that the scene knows of.
+    /// No surface of the scene.
     Camera,
     /// A real surface.
     Phantom,
@@ -23,7 +23,7 @@ pub enum Seen {
     Virtual,
 }
 
-/// A scene, ready for rays.
+/// A scene, prepared for ray casting.
 pub struct Reference {
     phantoms: RayCaster,
     phantom_casters: RayCaster,
@@ -42,20 +42,20 @@ pub(super) struct Surface {
     pub diffuse: DVec3,
     pub emissive: DVec3,
     pub mirror: bool,
-    /// What is known of a real surface's colour; white where nothing is.
+    /// Diffuse reflectance of a real surface; white if unknown.
     pub albedo: DVec3,
 }
 
-/// How much of a light's disc, 0..=1, a surface sees past the casters.
+/// Fractions of a light's disc, 0..=1, that a surface sees past the casters.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Reaching {
+pub(super) struct Visibility {
     pub past_phantoms: f64,
     pub past_virtual: f64,
     pub past_both: f64,
 }
 
-impl Reaching {
-    const WHOLLY: Self = Self {
+impl Visibility {
+    const FULL: Self = Self {
         past_phantoms: 1.0,
         past_virtual: 1.0,
         past_both: 1.0,
@@ -82,8 +82,8 @@ impl Reference {
         }
     }
 
-    /// So many rays to each light, spread over its disc; 1, the default, goes to its
-    /// middle, as for hard shadows.
+    /// Sets the number of rays to each light, distributed over its disc; 1, the default, goes to
+    /// its centre, as for hard shadows.
     #[must_use]
     pub fn with_rays(self, rays_per_light: u32) -> Self {
         Self {
@@ -102,39 +102,40 @@ impl Reference {
         let eye = world_from_camera.translation;
         let ray = camera.unproject(DVec2::new(f64::from(x), f64::from(y)));
         let direction = world_from_camera.rotation * ray;
-        let real = self.phantoms.nearest(eye, direction);
-        let unreal = self
+        let real_hit = self.phantoms.nearest(eye, direction);
+        let virtual_hit = self
             .virtual_parts
             .nearest(eye, direction)
             .filter(|_| with_virtual);
-        let nearer = match (&real, &unreal) {
-            (Some(real), Some(unreal)) => unreal.distance <= real.distance,
+        let nearer = match (&real_hit, &virtual_hit) {
+            (Some(real), Some(virtual_hit)) => virtual_hit.distance <= real.distance,
             (None, Some(_)) => true,
             _ => false,
         };
         if nearer {
-            unreal.map(|hit| described(Seen::Virtual, hit, &self.parts.1))
+            virtual_hit.map(|hit| described(Seen::Virtual, hit, &self.parts.1))
         } else {
-            real.map(|hit| described(Seen::Phantom, hit, &self.parts.0))
+            real_hit.map(|hit| described(Seen::Phantom, hit, &self.parts.0))
         }
     }
 
-    /// Lights from behind count as reaching: it makes no difference.
-    pub(super) fn reaching(&self, surface: &Surface, lights: &[DomeLight]) -> Vec<Reaching> {
+    /// Returns the visibility of each light; lights behind the surface count as visible, which
+    /// makes no difference.
+    pub(super) fn visibility(&self, surface: &Surface, lights: &[DomeLight]) -> Vec<Visibility> {
         let normal = surface.normal.as_vec3();
         lights
             .iter()
             .map(|light| {
                 if normal.dot(light.direction) <= 0.0 {
-                    Reaching::WHOLLY
+                    Visibility::FULL
                 } else {
-                    self.share_in_sight(surface.point + normal * LIFT, light)
+                    self.visibility_of(surface.point + normal * LIFT, light)
                 }
             })
             .collect()
     }
 
-    /// Whether nothing stands between a surface and a point `distance` metres along `to`.
+    /// Whether nothing blocks the path from a surface to a point `distance` metres along `to`.
     pub(super) fn sees(&self, surface: &Surface, to: Vec3, distance: f32) -> bool {
         let from = surface.point + surface.normal.as_vec3() * LIFT;
         let (from, to) = (from.as_dvec3(), to.as_dvec3());
@@ -142,27 +143,28 @@ impl Reference {
         free(&self.phantom_casters) && free(&self.virtual_parts)
     }
 
-    fn share_in_sight(&self, from: Vec3, light: &DomeLight) -> Reaching {
+    fn visibility_of(&self, from: Vec3, light: &DomeLight) -> Visibility {
         let from = from.as_dvec3();
-        let (mut real, mut unreal, mut both) = (0, 0, 0);
+        let (mut phantoms, mut virtuals, mut both) = (0, 0, 0);
         for k in 0..self.rays_per_light {
             let towards = point_of_disc(light, k, self.rays_per_light).as_dvec3();
             let free = |rays: &RayCaster| !rays.is_blocked(from, towards, f64::INFINITY);
-            let (past_real, past_unreal) = (free(&self.phantom_casters), free(&self.virtual_parts));
-            real += u32::from(past_real);
-            unreal += u32::from(past_unreal);
-            both += u32::from(past_real && past_unreal);
+            let (open_real, open_virtual) =
+                (free(&self.phantom_casters), free(&self.virtual_parts));
+            phantoms += u32::from(open_real);
+            virtuals += u32::from(open_virtual);
+            both += u32::from(open_real && open_virtual);
         }
         let share = |count: u32| f64::from(count) / f64::from(self.rays_per_light);
-        Reaching {
-            past_phantoms: share(real),
-            past_virtual: share(unreal),
+        Visibility {
+            past_phantoms: share(phantoms),
+            past_virtual: share(virtuals),
             past_both: share(both),
         }
     }
 }
 
-/// The `k`-th of `count` directions spread evenly over a light's disc (Vogel 1979).
+/// The `k`-th of `count` directions that are distributed evenly over a light's disc (Vogel 1979).
 fn point_of_disc(light: &DomeLight, k: u32, count: u32) -> Vec3 {
     if count == 1 {
         return light.direction;
@@ -197,12 +199,12 @@ fn described(seen: Seen, hit: Hit, parts: &[Part]) -> Surface {
 
 pub(super) fn footprint(
     surface: &Surface,
-    reaching: &[Reaching],
+    visibility: &[Visibility],
     lamps: impl Iterator<Item = bool>,
 ) -> u64 {
     let mut hasher = DefaultHasher::new();
     (surface.seen, surface.part).hash(&mut hasher);
-    for light in reaching {
+    for light in visibility {
         let shares = [light.past_phantoms, light.past_virtual, light.past_both];
         shares.map(f64::to_bits).hash(&mut hasher);
     }

@@ -1,6 +1,6 @@
-// What a light loses on its way to the texels of all planes, cosθ · (1 − V): one direction of
-// light added (`add`), or the sums made into images of 8 bits (`finish`). Four texels of a row
-// share an invocation there, because they share a word.
+// Light lost between a light and the texels of all planes, cosθ · (1 − V): `add` adds one direction
+// of light, `finish` converts the sums to 8-bit images. In `finish` four texels of a row share an
+// invocation, because they share a word.
 
 struct Direction {
     model_u: vec4f,
@@ -9,21 +9,21 @@ struct Direction {
     phantom_u: vec4f,
     phantom_v: vec4f,
     phantom_depth: vec4f,
-    // To the light; w = its share of the face.
+    // Direction to the light; w = its fraction of the face.
     towards: vec4f,
-    // Texel sizes of both maps, metres; 1 where there is such a map.
+    // Texel sizes of both maps, metres; 1 if the map exists.
     texels: vec4f,
     // Number of the first plane of this dispatch; 0; 0; 0.
     planes: vec4u,
 }
 
 struct Plane {
-    // Middle of the rectangle; w = depth of the slab, metres.
+    // Centre of the rectangle; w = depth of the slab, metres.
     centre: vec4f,
-    // Unit vectors; w = half of the rectangle along them, metres.
+    // Unit vectors; w = half extent of the rectangle along them, metres.
     right: vec4f,
     up: vec4f,
-    // x: 1 where the receiver is the plane itself; y: 1 on virtual parts.
+    // x: 1 if the receiver is the plane itself; y: 1 on virtual parts.
     kind: vec4u,
 }
 
@@ -34,11 +34,11 @@ struct Plane {
 @group(0) @binding(3) var model_map: texture_depth_2d;
 @group(0) @binding(4) var phantom_map: texture_depth_2d;
 @group(0) @binding(5) var compare: sampler_comparison;
-// Per texel: Σ w cos (1 − V) past everything, past phantoms alone, and Σ w cos.
+// Per texel: Σ w cos (1 − V) past all casters, past phantoms alone, and Σ w cos.
 @group(0) @binding(6) var<storage, read_write> sums: array<vec4f>;
-// Per four texels: what is lost past everything, then all planes' past phantoms.
+// Per four texels: light lost past all casters; then, for all planes, past phantoms.
 @group(0) @binding(7) var<storage, read_write> lost: array<u32>;
-// Per plane, whether any light arrives and whether any is hidden: bits of `finish`.
+// Per plane, whether any light arrives and whether any is blocked: the bits of `flags_of`.
 @group(0) @binding(8) var<storage, read_write> flags: array<atomic<u32>>;
 
 fn seen(map: texture_depth_2d, u: vec4f, v: vec4f, d: vec4f, world: vec3f) -> f32 {
@@ -48,7 +48,7 @@ fn seen(map: texture_depth_2d, u: vec4f, v: vec4f, d: vec4f, world: vec3f) -> f3
     return select(1.0, open, all(abs(uv - vec2f(0.5)) < vec2f(0.5)));
 }
 
-// A receiver that is in a map itself is lifted off its own surface by the map's texel.
+// A receiver that is in a map itself is lifted off its own surface by the map's texel size.
 fn lift(n: vec3f, n_dot_l: f32, texel: f32) -> vec3f {
     let slope = sqrt(max(1.0 - n_dot_l * n_dot_l, 0.0));
     return n * (texel * (1.0 + 2.0 * slope));
@@ -75,10 +75,10 @@ fn add(@builtin(global_invocation_id) id: vec3u) {
     let depth = select(f32(receiver.y) / 65534.0 * plane.centre.w, 0.0, flat);
     let size = vec2f(plane.right.w, plane.up.w) * 2.0 / f32(side);
     let at = vec2f(f32(texel % side) + 0.5, f32(texel / side) + 0.5) * size - vec2f(plane.right.w, plane.up.w);
-    // A texel is an area: four points of it, no two in a row or column, on the receiver's
-    // own slope.
+    // A texel is an area: four of its points are sampled, no two in a row or column, on the
+    // receiver's own slope.
     let steep = max(dot(n, out), 0.25);
-    let sinks = vec2f(dot(n, plane.right.xyz), dot(n, plane.up.xyz)) / steep;
+    let slope = vec2f(dot(n, plane.right.xyz), dot(n, plane.up.xyz)) / steep;
     let own = lift(n, n_dot_l, 1.0) * select(1.0, 0.0, flat);
     let off_model = own * light.texels.x * f32(plane.kind.y);
     let off_phantom = own * light.texels.y * f32(1u - plane.kind.y);
@@ -86,7 +86,7 @@ fn add(@builtin(global_invocation_id) id: vec3u) {
     for (var i = 0u; i < 4u; i++) {
         let o = vec2f(vec2i(4 * i32(i & 1u) - 2 * i32(i >> 1u) - 1, 2 * i32(i) - 3)) / 8.0 * size;
         let across = plane.right.xyz * (at.x + o.x) - plane.up.xyz * (at.y + o.y);
-        let behind = depth + dot(sinks, vec2f(o.x, -o.y));
+        let behind = depth + dot(slope, vec2f(o.x, -o.y));
         let world = plane.centre.xyz + across - out * behind;
         let m = seen(model_map, light.model_u, light.model_v, light.model_depth, world + off_model);
         let p = seen(phantom_map, light.phantom_u, light.phantom_v, light.phantom_depth, world + off_phantom);

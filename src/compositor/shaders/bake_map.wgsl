@@ -1,4 +1,4 @@
-// Depth of casters seen from one direction of light, parallel.
+// Depth map of the casters from one direction of light, in parallel projection.
 
 struct Map {
     // Rows of an affine map from the world: texture coordinates u, v and depth.

@@ -1,12 +1,12 @@
-// What a shadowing plane's camera sees of the parts it covers: normal and how far behind
-// the plane. Parallel projection against the plane's normal.
+// The parts that a shadowing plane covers, rendered in parallel projection along the plane's
+// normal: their normals and their depth behind the plane.
 
 struct View {
-    // Rows of an affine map from the world: clip x, clip y, share of the slab's depth.
+    // Rows of an affine map from the world: clip x, clip y, fraction of the slab's depth.
     x: vec4f,
     y: vec4f,
     depth: vec4f,
-    // Away from what is covered.
+    // Away from the covered parts.
     normal: vec4f,
 }
 
@@ -25,7 +25,7 @@ fn receiver_vertex(@location(0) world: vec3f, @location(1) normal: vec3f) -> See
     return Seen(vec4f(dot(plane.x, p), dot(plane.y, p), depth, 1.0), normal, depth);
 }
 
-// Octahedral normal, depth, and 1 where something is. What shows its back is turned round.
+// Octahedral normal, depth, and 1 where there is a surface. Back-facing normals are flipped.
 @fragment
 fn receiver_fragment(in: Seen) -> @location(0) vec4f {
     let n = normalize(in.normal);

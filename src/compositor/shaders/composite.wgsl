@@ -1,5 +1,5 @@
-// The picture: the camera's, darkened where virtual objects keep light away, and the
-// virtual objects over it. A pixel that nothing virtual touches is the camera's own code.
+// The composite: the camera's picture, darkened where virtual objects block light, with the virtual
+// objects over it. A pixel without virtual contribution is the camera's own code.
 
 @group(1) @binding(0) var camera: texture_2d<f32>;
 @group(1) @binding(2) var shadow: texture_2d<f32>;
@@ -20,8 +20,8 @@
 
 const PI = 3.14159265;
 
-// Irradiance of the virtual surface under a sample, `z` metres along the view. The texel of
-// a pixel is its first sample's: `own` = whether this is that surface.
+// Irradiance of the virtual surface under a sample, `z` metres along the view. The texel of a pixel
+// holds its first sample's surface: `own` = whether this is that surface.
 fn light_at(pixel: vec2i, n: vec3f, z: f32, own: bool) -> vec3f {
     let step = i32(frame.counts.z);
     if (step == 1) & own {
@@ -38,8 +38,8 @@ fn light_at(pixel: vec2i, n: vec3f, z: f32, own: bool) -> vec3f {
         let bilinear = select(1.0 - part.x, part.x, o.x == 1) * select(1.0 - part.y, part.y, o.y == 1);
         // At full resolution the pixel's own texel shows another surface here.
         let near = select(bilinear, select(0.3, 0.0, k == 0), step == 1);
-        let same_way = max(dot(n, there.normal), 0.0);
-        let fourth = same_way * same_way * same_way * same_way;
+        let same_direction = max(dot(n, there.normal), 0.0);
+        let fourth = same_direction * same_direction * same_direction * same_direction;
         let same_depth = 1.0 / (1e-2 + abs(there.z - z) / z);
         let w = select(0.0, near * fourth * same_depth + 1e-6, there.z > 0.0);
         sum += there.irradiance * w;
@@ -48,14 +48,14 @@ fn light_at(pixel: vec2i, n: vec3f, z: f32, own: bool) -> vec3f {
     return sum / max(weight, 1e-9);
 }
 
-// Radiance of the real ground at a world point, blurred to `metres` across.
+// Radiance of the real ground at a world point, blurred over `metres`.
 fn ground_radiance(world: vec3f, metres: f32) -> vec4f {
     let p = pixel_of(world);
     let uv = (p.xy + vec2f(0.5)) * frame.size.zw;
     let edge = min(min(uv.x, 1.0 - uv.x), min(uv.y, 1.0 - uv.y));
     // Level 0 of the surroundings is half the picture.
     let pixels = metres * frame.intrinsics.x / max(p.z, 1e-3);
-    // Of what is blurred as wide as that, a part lies beside the picture or behind the camera.
+    // Part of so wide a blur may lie beside the picture or behind the camera.
     let reach = min(0.5 * pixels * frame.size.z, 0.5);
     let ahead = smoothstep(frame.eye.w, frame.eye.w + metres, p.z);
     let inside = smoothstep(-0.02 - reach, 0.05 + reach, edge) * ahead;
@@ -64,7 +64,7 @@ fn ground_radiance(world: vec3f, metres: f32) -> vec4f {
     return vec4f(seen, inside);
 }
 
-// What the lobe about `d` gathers: of the ground as the picture shows it, and of the
+// Prefiltered radiance in the lobe about `d`: from the ground as the picture shows it, and from the
 // environment.
 fn reflected(world: vec3f, d: vec3f, level: f32, gloss: Gloss) -> vec3f {
     var far = vec3f(0.0);
@@ -83,7 +83,7 @@ fn reflected(world: vec3f, d: vec3f, level: f32, gloss: Gloss) -> vec3f {
     return mix(far, mix(frame.ground.rgb, near.rgb, near.a), below);
 }
 
-// Light thrown up by the ground close by instead of the ground at large.
+// Correction for light that the nearby ground reflects instead of the mean ground.
 fn bounce(world: vec3f, n: vec3f) -> vec3f {
     let height = max(world.z - frame.params.y, 0.0);
     let share = frame.params.z * 0.5 * (1.0 - n.z);
@@ -101,7 +101,7 @@ fn shade(pixel: vec2i, s: i32, own: bool) -> vec3f {
     let properties = properties_of(material);
     let n = normal_from_octahedron(octahedron(shape));
     let depth = textureLoad(virtual_depth, pixel, s);
-    let world = world_at(sample_place(pixel, s), depth);
+    let world = world_at(sample_position(pixel, s), depth);
     let v = normalize(frame.eye.xyz - world);
     let n_dot_v = clamp(dot(n, v), 0.02, 1.0);
     let gloss = gloss_of(shape, properties, base);
@@ -119,14 +119,14 @@ fn shade(pixel: vec2i, s: i32, own: bool) -> vec3f {
     return diffuse + specular + sources + lamps + emissive_of(material);
 }
 
-// Whether two samples of a pixel see one surface, by their depth and encoded normal.
+// Whether two samples of a pixel show the same surface, by their depth and encoded normal.
 fn same_surface(pixel: vec2i, a: i32, b: i32) -> bool {
-    let turned = abs(octahedron(textureLoad(virtual_shape, pixel, a)) - octahedron(textureLoad(virtual_shape, pixel, b)));
+    let difference = abs(octahedron(textureLoad(virtual_shape, pixel, a)) - octahedron(textureLoad(virtual_shape, pixel, b)));
     let d = textureLoad(virtual_depth, pixel, a);
-    return max(turned.x, turned.y) < 0.2 && abs(textureLoad(virtual_depth, pixel, b) - d) < 0.02 * d;
+    return max(difference.x, difference.y) < 0.2 && abs(textureLoad(virtual_depth, pixel, b) - d) < 0.02 * d;
 }
 
-// Real surfaces in shadow, where nothing virtual is in the tile.
+// Shadowed real surfaces, in tiles without virtual surfaces.
 @vertex
 fn real_tile(@builtin(vertex_index) v: u32) -> @builtin(position) vec4f {
     let t = v / 6u;
@@ -136,12 +136,11 @@ fn real_tile(@builtin(vertex_index) v: u32) -> @builtin(position) vec4f {
     return tile_corner(v % 6u, tile, NOTHING_VIRTUAL, shadowed && !tile_is_covered(tile));
 }
 
-// Kinds of pixels in tiles that virtual objects reach, as depths; draws for one kind only
-// have a depth between them. Testing depth is what software drivers leave pixels out by,
-// and not branches.
+// Kinds of pixels in tiles with virtual surfaces, as depths. A draw for a single kind uses a depth
+// between that and the next: software drivers skip pixels by the depth test and not by branches.
 const OUTLINE = 0.0;
 const NOTHING_VIRTUAL = 0.5;
-const WHOLE = 1.0;
+const INTERIOR = 1.0;
 
 fn covered_tile(v: u32, depth: f32) -> vec4f {
     let t = v / 6u;
@@ -161,8 +160,8 @@ fn outline_tile(@builtin(vertex_index) v: u32) -> @builtin(position) vec4f {
 }
 
 @vertex
-fn whole_tile(@builtin(vertex_index) v: u32) -> @builtin(position) vec4f {
-    return covered_tile(v, 0.5 * (NOTHING_VIRTUAL + WHOLE));
+fn interior_tile(@builtin(vertex_index) v: u32) -> @builtin(position) vec4f {
+    return covered_tile(v, 0.5 * (NOTHING_VIRTUAL + INTERIOR));
 }
 
 fn encoded(linear: vec3f) -> vec4f {
@@ -179,28 +178,28 @@ struct Background {
     @builtin(frag_depth) kind: f32,
 }
 
-// What is behind virtual objects, and of which kind the pixel is.
+// The background of virtual objects, and the kind of the pixel.
 @fragment
 fn background(@builtin(position) position: vec4f) -> Background {
     let pixel = vec2i(position.xy);
     var covered = 0;
-    var alike = true;
+    var same = true;
     for (var s = 0; s < SAMPLES; s++) {
         covered += select(0, 1, is_surface(textureLoad(virtual_shape, pixel, s)));
-        alike &= same_surface(pixel, 0, s);
+        same &= same_surface(pixel, 0, s);
     }
-    let kind = select(OUTLINE, WHOLE, alike & (covered == SAMPLES));
+    let kind = select(OUTLINE, INTERIOR, same & (covered == SAMPLES));
     return Background(background_at(pixel, position), select(kind, NOTHING_VIRTUAL, covered == 0));
 }
 
 // Pixels that show one virtual surface.
 @fragment
-fn whole(@builtin(position) position: vec4f) -> @location(0) vec4f {
+fn interior(@builtin(position) position: vec4f) -> @location(0) vec4f {
     let pixel = vec2i(position.xy);
     return encoded(in_exposure(shade(pixel, 0, true)) * brightness_at(vec2f(pixel)));
 }
 
-// Pixels of which virtual objects cover a part, or show several surfaces.
+// Pixels that virtual objects cover partly, or that show several surfaces.
 @fragment
 fn outline(@builtin(position) position: vec4f) -> @location(0) vec4f {
     let pixel = vec2i(position.xy);
@@ -216,28 +215,28 @@ fn outline(@builtin(position) position: vec4f) -> @location(0) vec4f {
     }
     let behind = shadowed(code.rgb, factor, pixel) + in_exposure(added_at(pixel));
     var linear = behind * (f32(SAMPLES - covered) / f32(SAMPLES));
-    // Samples on either side of an outline or a crease are lit apart. The condition is at
-    // the loop's end, because software drivers run what a loop holds once more than any
-    // pixel asks for.
-    let of_pixel = first;
+    // Samples on either side of an outline or a crease are shaded separately. The loop tests its
+    // condition at the end, because software drivers would otherwise run its body once more than
+    // any pixel needs.
+    let pixel_sample = first;
     loop {
-        var alike = 0;
+        var same = 0;
         var other = first;
         for (var s = SAMPLES - 1; s >= 0; s--) {
             if s >= first && is_surface(textureLoad(virtual_shape, pixel, s)) {
                 if same_surface(pixel, first, s) {
-                    alike += 1;
+                    same += 1;
                 } else {
                     other = s;
                 }
             }
         }
-        let shown = in_exposure(shade(pixel, first, first == of_pixel)) * brightness_at(vec2f(pixel));
-        linear += shown * (f32(alike) / f32(SAMPLES));
-        covered -= alike;
+        let shown = in_exposure(shade(pixel, first, first == pixel_sample)) * brightness_at(vec2f(pixel));
+        linear += shown * (f32(same) / f32(SAMPLES));
+        covered -= same;
         first = other;
         continuing {
-            break if covered <= 0 || alike == 0;
+            break if covered <= 0 || same == 0;
         }
     }
     return encoded(linear);

@@ -1,4 +1,4 @@
-// The camera's picture as a shorter or longer exposure would have shown it: linear, and as codes.
+// Simulates a shorter or longer exposure of the camera's picture: linear, and as codes.
 
 @group(0) @binding(0) var<uniform> exposure: Exposure;
 @group(0) @binding(1) var<storage, read> colours: array<vec4u>;
@@ -14,17 +14,17 @@ fn clipped_before(corner: vec2u, across: u32) -> u32 {
     return select(0u, colours[at.y * across + at.x].w, all(corner > vec2u(0u)));
 }
 
-// Whether any channel of any pixel in a tile is clipped: sums are exact.
+// Whether any channel of any pixel in a tile is clipped. The integer sums are exact.
 fn tile_is_clipped(tile: vec2u) -> bool {
     let blocks = blocks_of(textureDimensions(camera));
     let low = min(tile << vec2u(TILE_LOG - BLOCK_LOG), blocks);
     let high = min((tile + vec2u(1u)) << vec2u(TILE_LOG - BLOCK_LOG), blocks);
     let above = clipped_before(vec2u(high.x, low.y), blocks.x) - clipped_before(low, blocks.x);
-    let all_of_it = clipped_before(high, blocks.x) - clipped_before(vec2u(low.x, high.y), blocks.x);
-    return all_of_it != above;
+    let below = clipped_before(high, blocks.x) - clipped_before(vec2u(low.x, high.y), blocks.x);
+    return below != above;
 }
 
-fn corner_of_tile(v: u32, wanted: bool) -> vec4f {
+fn corner_of_tile(v: u32, clipped_tiles: bool) -> vec4f {
     let size = textureDimensions(camera);
     let across = (size.x + (1u << TILE_LOG) - 1u) >> TILE_LOG;
     let tile = vec2u((v / 6u) % across, (v / 6u) / across);
@@ -32,7 +32,7 @@ fn corner_of_tile(v: u32, wanted: bool) -> vec4f {
     let o = vec2u(select(0u, 1u, k == 1u || k == 2u || k == 4u), select(0u, 1u, k >= 2u && k != 3u));
     let pixel = vec2f((tile + o) << vec2u(TILE_LOG)) / vec2f(size);
     let ndc = vec4f(pixel.x * 2.0 - 1.0, 1.0 - pixel.y * 2.0, 0.0, 1.0);
-    return select(vec4f(2.0, 2.0, 2.0, 1.0), ndc, tile_is_clipped(tile) == wanted);
+    return select(vec4f(2.0, 2.0, 2.0, 1.0), ndc, tile_is_clipped(tile) == clipped_tiles);
 }
 
 @vertex
@@ -50,7 +50,7 @@ struct Exposed {
     @location(1) code: vec4f,
 }
 
-// The codes are those of the half floats, so that later passes find the same.
+// The codes are computed from the half floats, so that later passes find the same.
 fn exposed(linear: vec3f) -> Exposed {
     let kept = vec3f(
         unpack2x16float(pack2x16float(linear.rg)),
@@ -70,32 +70,32 @@ fn scaled(@builtin(position) position: vec4f) -> Exposed {
 }
 
 // Section 4.3 of the paper: "we adjust the factor by which intensities are scaled, based on the
-// average intensity of surrounding pixels": none of it where all around is black, no darkening
-// where all is white.
+// average intensity of surrounding pixels": the full change of exposure where the surroundings are
+// black, none where they are white.
 @fragment
-fn raised(@builtin(position) position: vec4f) -> Exposed {
+fn scaled_by_region(@builtin(position) position: vec4f) -> Exposed {
     let linear = linear_from_code(textureLoad(camera, vec2i(position.xy), 0).rgb);
     let uv = position.xy / vec2f(textureDimensions(around) << vec2u(BLOCK_LOG));
     let mean = textureSampleLevel(around, around_sampler, uv, 0.0).a;
     return exposed(linear * mix(exposure.change.x, 1.0, mean));
 }
 
-// Channels that are clipped have at least the light that their pixel's other channels ask
-// for in the colour of the surroundings; where none tells, what the surroundings say of clipped areas.
+// A clipped channel gets at least the light that its pixel's unclipped channels imply in the colour
+// of the surroundings; where none is reliable, the estimate for clipped areas of the region.
 @fragment
 fn highlights(@builtin(position) position: vec4f) -> Exposed {
     let code = textureLoad(camera, vec2i(position.xy), 0).rgb;
     let c = clipped(code);
     let linear = linear_from_code(code);
-    // A block's middle lies on a texel's.
+    // A block's centre lies on a texel's.
     let uv = position.xy / vec2f(textureDimensions(around) << vec2u(BLOCK_LOG));
     let there = textureSampleLevel(around, around_sampler, uv, 0.0);
-    let told = vec3f(1.0) - c;
-    let scale = dot(told, linear) / max(dot(told, there.rgb), 1e-6);
+    let reliable = vec3f(1.0) - c;
+    let scale = dot(reliable, linear) / max(dot(reliable, there.rgb), 1e-6);
     let by_colour = clamp(scale * there.rgb, vec3f(1.0), vec3f(MOST_BY_COLOUR));
     let by_region = vec3f(1.0 + there.a);
-    let sure = max(max(there.r, there.g), there.b);
-    let known = clamp(told.r + told.g + told.b, 0.0, 1.0) * sure;
+    let confidence = max(max(there.r, there.g), there.b);
+    let known = clamp(reliable.r + reliable.g + reliable.b, 0.0, 1.0) * confidence;
     let level = exp2(mix(log2(by_region), log2(by_colour), vec3f(known)));
     return exposed(mix(linear, max(level, linear), c * exposure.change.w) * exposure.change.x);
 }

@@ -1,22 +1,22 @@
-// What surrounds clipped areas: sums over blocks of the picture, a summed-area table of them
-// (Crow 1984), and from it, for each block, the mean of a region around it.
+// Surroundings of clipped areas: sums over blocks of the picture, a summed-area table of them (Crow
+// 1984), and from it, for each block, the mean of a region around it.
 //
-// Sums are whole numbers, modulo 2^32: differences are exact wherever the sum over the
-// region itself fits, however large the picture is.
+// Sums are integers modulo 2^32: differences are exact wherever the sum over the region itself
+// fits, regardless of the picture's size.
 
 @group(0) @binding(0) var<uniform> exposure: Exposure;
 // By block: red, green and blue of unclipped pixels, times their luminance; clipped pixels.
 @group(0) @binding(1) var<storage, read_write> colours: array<vec4u>;
-// By block: luminance where any channel tells of it, and its square; the intensity of all pixels
-// for the paper's rule.
+// By block: luminance where any channel is unclipped, and its square; for the paper's rule the
+// intensity of all pixels.
 @group(0) @binding(2) var<storage, read_write> brightness: array<vec2u>;
-// By block: colour of the surroundings, its greatest channel how sure it is; how far above white,
-// or, by the paper's rule, mean intensity.
+// By block: colour of the surroundings, whose greatest channel is its confidence; height above
+// white, or, by the paper's rule, mean intensity.
 @group(0) @binding(3) var around: texture_storage_2d_array<rgba16float, write>;
 @group(1) @binding(0) var camera: texture_2d<f32>;
 
 const LANES = 64u;
-// A pixel's 1; a block of 16 pixels is rounded once.
+// Fixed-point value 1 of a pixel; a block of 16 pixels is rounded once.
 const UNIT = 4096.0;
 
 struct Sums {
@@ -39,9 +39,9 @@ fn sum_blocks(@builtin(global_invocation_id) id: vec3u) {
         let inside = select(0.0, 1.0, all(pixel < size));
         let any_clipped = max(max(c.r, c.g), c.b);
         let intensity = dot(linear, vec3f(1.0 / 3.0));
-        let told = inside * select((1.0 - min(min(c.r, c.g), c.b)) * y, intensity, by_paper());
+        let reliable = inside * select((1.0 - min(min(c.r, c.g), c.b)) * y, intensity, by_paper());
         colour += inside * vec4f(linear * (y * (1.0 - any_clipped)), any_clipped);
-        bright += told * vec2f(1.0, y);
+        bright += reliable * vec2f(1.0, y);
     }
     if all(id.xy < blocks) {
         let at = id.y * blocks.x + id.x;
@@ -60,8 +60,8 @@ fn sum_of(a: Sums, b: Sums) -> Sums {
     return Sums(a.colours + b.colours, a.brightness + b.brightness);
 }
 
-// Makes `count` entries, `stride` apart, into their running sums: each lane its own stretch,
-// then what all lanes before it hold (Hillis and Steele 1986).
+// Replaces `count` entries, `stride` apart, by their running sums: each lane sums its own segment,
+// then adds the total of all lanes before it (Hillis and Steele 1986).
 fn scan(first: u32, stride: u32, count: u32, lane: u32) {
     let each = (count + LANES - 1u) / LANES;
     let begin = min(lane * each, count);
@@ -121,7 +121,7 @@ struct Region {
     pixels: f32,
 }
 
-// What lies within `reach` blocks of `block`, with four look-ups.
+// Sums within `reach` blocks of `block`, by four look-ups.
 fn region(block: vec2i, reach: i32, blocks: vec2u, size: vec2u) -> Region {
     let low = max(block - vec2i(reach), vec2i(0));
     let high = min(block + vec2i(reach + 1), vec2i(blocks));
@@ -137,25 +137,27 @@ fn region(block: vec2i, reach: i32, blocks: vec2u, size: vec2u) -> Region {
     );
 }
 
-// How bright a clipped area is above white, by the region around it: dark surroundings mean a
-// source or its image, and of these the small ones are the brightest: lamps and specular highlights, not windows.
-fn excess(told: vec2f, clipped_share: f32) -> f32 {
-    // Weighted by itself, so that what is next to the clipped area counts, and not the dark.
-    let surround = (told.y + FAINT * USUAL) / (told.x + FAINT);
+// Estimated light above white of a clipped area, from the region around it: dark surroundings
+// indicate a source or its image, and small ones are the brightest: lamps and specular highlights,
+// not windows.
+fn excess(reliable: vec2f, clipped_share: f32) -> f32 {
+    // Weighted by luminance itself, so that the pixels next to the clipped area count and not the
+    // dark ones.
+    let surround = (reliable.y + FAINT * USUAL) / (reliable.x + FAINT);
     let edge = clamp(1.0 - surround, 0.0, 1.0);
     return edge * edge * mix(SMALL_EXCESS, LARGE_EXCESS, smoothstep(SMALL_SHARE, LARGE_SHARE, clipped_share));
 }
 
-// 1 where light rises gently to the clipped area, as around a glow that is hardly above white; 0 at
-// a source's sharp edge, and in the midst of clipped pixels. By what is close by: luminance, and
-// the share that is clipped.
-fn gentleness(told: f32, clipped_share: f32) -> f32 {
+// 1 where light rises gradually to the clipped area, as around a glow slightly above white; 0 at a
+// source's sharp edge, and amid clipped pixels. From the neighbourhood's luminance and clipped
+// fraction.
+fn gentleness(reliable: f32, clipped_share: f32) -> f32 {
     let free = 1.0 - clipped_share;
-    return smoothstep(SHARP, GENTLE, told / (free + 1e-3)) * clamp(free * ENOUGH, 0.0, 1.0);
+    return smoothstep(SHARP, GENTLE, reliable / (free + 1e-3)) * clamp(free * ENOUGH, 0.0, 1.0);
 }
 
 @compute @workgroup_size(8, 8)
-fn look_around(@builtin(global_invocation_id) id: vec3u) {
+fn region_means(@builtin(global_invocation_id) id: vec3u) {
     let size = textureDimensions(camera);
     let blocks = blocks_of(size);
     let block = vec2i(id.xy);
@@ -166,13 +168,13 @@ fn look_around(@builtin(global_invocation_id) id: vec3u) {
     let share = exposure.change.z;
     let pixels = mix(inner.pixels, outer.pixels, share);
     let far_colours = mix(inner.colours, outer.colours, share) / pixels;
-    let told = mix(inner.brightness, outer.brightness, share) / pixels;
+    let reliable = mix(inner.brightness, outer.brightness, share) / pixels;
     let near_colours = near.colours / near.pixels;
     let colours = near_colours.rgb + FAR_COLOUR * far_colours.rgb;
     let greatest = max(max(colours.r, colours.g), colours.b);
     let gentle = gentleness(near.brightness.x / near.pixels, near_colours.a);
-    let above_white = excess(told, far_colours.a) * (1.0 - gentle);
-    let mean = told.x;
+    let above_white = excess(reliable, far_colours.a) * (1.0 - gentle);
+    let mean = reliable.x;
     if all(id.xy < blocks) {
         let above = select(above_white, mean, by_paper());
         textureStore(around, id.xy, 0, vec4f(colours / (greatest + FAR_COLOUR * FAINT), above));

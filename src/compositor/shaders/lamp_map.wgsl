@@ -1,5 +1,5 @@
-// Depth of the casters seen from one lamp, in perspective. The instance is the view, and above
-// its lowest twelve bits the caster's number.
+// Perspective depth map of the casters from one lamp. The instance index holds the view in its
+// lowest twelve bits, and above them the caster's number.
 
 struct Views {
     clip_from_world: array<mat4x4f, MAX_LAMP_VIEWS>,

@@ -1,11 +1,11 @@
-// What lamps add to the picture of real surfaces by the paper's response: drawn on the
-// proxies' triangles, as the paper does, with the video projected onto them. Linear, in the
-// scene camera's units and exposure.
+// Light that lamps add to the picture of real surfaces by the paper's response: drawn on the
+// proxies' triangles, as in the paper, with the video projected onto them. Linear, in the scene
+// camera's units and exposure.
 
 struct PhantomPart {
     world_from_part: mat4x4f,
     normal_from_part: mat4x4f,
-    // x: 1 receives shadows, 2 mirrors; the rest is the diffuse reflectance.
+    // x: 1 receives shadows, 2 mirrors; yzw: diffuse reflectance.
     kind: vec4f,
 }
 
@@ -30,7 +30,7 @@ fn phantom_vertex(
     return Varying(clip_of(world), n, world.xyz, parts[i].kind);
 }
 
-// Irradiance facing a lamp's middle, shadows counted.
+// Irradiance facing a lamp's centre, with shadows.
 fn arriving_from(k: u32, world: vec3f, n: vec3f) -> vec3f {
     let ray = lamp_ray(k, world);
     if AREAS && (lamps.count.y >> k & 1u) == 1u {
@@ -41,12 +41,12 @@ fn arriving_from(k: u32, world: vec3f, n: vec3f) -> vec3f {
 }
 
 @fragment
-fn answer(in: Varying) -> @location(0) vec4f {
+fn respond(in: Varying) -> @location(0) vec4f {
     let n = normalize(in.normal);
     let video = linear_from_code(textureLoad(camera, vec2i(in.position.xy), 0).rgb);
     let intensity = dot(video, vec3f(0.2126, 0.7152, 0.0722));
     var sum = vec3f(0.0);
-    let count = decided_here(lamps.count.x, in.world.x);
+    let count = non_uniform(lamps.count.x, in.world.x);
     for (var k = 0u; k < count; k++) {
         sum += arriving_from(k, in.world, n) * lamp_response(lamp_ray(k, in.world).to, n, intensity);
     }

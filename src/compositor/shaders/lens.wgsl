@@ -1,23 +1,23 @@
-// Between the camera's picture, bent by its lens, and the straight one that virtual objects
-// are drawn into.
+// Conversion between the camera's distorted picture and the undistorted one into which virtual
+// objects are drawn.
 
 // The camera's picture.
 @group(0) @binding(0) var camera: texture_2d<f32>;
-// Where each pixel lies in the other picture, pixels.
-@group(0) @binding(1) var places: texture_2d<f32>;
-// The straight picture: as the camera saw it, and composed.
+// Position of each pixel in the other picture, pixels.
+@group(0) @binding(1) var positions: texture_2d<f32>;
+// The undistorted picture: from the camera, and composited.
 @group(1) @binding(0) var before: texture_2d<f32>;
 @group(1) @binding(2) var after: texture_2d<f32>;
 @group(1) @binding(3) var virtual_shape: VIRTUAL_TEXTURE;
 
 // The camera's picture without its lens' distortion.
 @fragment
-fn straightened(@builtin(position) position: vec4f) -> @location(0) vec4f {
-    let at = textureLoad(places, vec2i(position.xy), 0).xy;
+fn undistorted(@builtin(position) position: vec4f) -> @location(0) vec4f {
+    let at = textureLoad(positions, vec2i(position.xy), 0).xy;
     return vec4f(smooth_at(camera, at), 1.0);
 }
 
-// Share of a straight pixel that virtual surfaces cover.
+// Fraction of an undistorted pixel that virtual surfaces cover.
 fn coverage(pixel: vec2i) -> f32 {
     var covered = 0;
     for (var s = 0; s < SAMPLES; s++) {
@@ -26,19 +26,19 @@ fn coverage(pixel: vec2i) -> f32 {
     return f32(covered) / f32(SAMPLES);
 }
 
-// Linear, by the four nearest pixels.
-struct Straight {
+// Linear, interpolated between the four nearest pixels.
+struct Undistorted {
     before: vec3f,
     after: vec3f,
     covered: f32,
     same: bool,
 }
 
-fn straight_at(at: vec2f) -> Straight {
+fn undistorted_at(at: vec2f) -> Undistorted {
     let corner = floor(at);
     let part = at - corner;
     let last = vec2i(textureDimensions(after)) - vec2i(1);
-    var found = Straight(vec3f(0.0), vec3f(0.0), 0.0, true);
+    var found = Undistorted(vec3f(0.0), vec3f(0.0), 0.0, true);
     for (var k = 0; k < 4; k++) {
         let o = vec2i(k & 1, k >> 1u);
         let pixel = clamp(vec2i(corner) + o, vec2i(0), last);
@@ -58,29 +58,29 @@ fn is_outside(at: vec2f) -> bool {
     return any(at < vec2f(-0.5)) | any(at > vec2f(textureDimensions(after)) - vec2f(0.5));
 }
 
-// The composed picture, bent like the camera's. What is not changed is the camera's, bit for
-// bit; what shadows darken keeps the camera's own detail, sharper than the straight picture's.
+// The composite with the camera's distortion. Unchanged pixels are the camera's, bit for bit;
+// pixels that shadows darken keep the camera's own detail, sharper than the undistorted picture's.
 @fragment
-fn bent(@builtin(position) position: vec4f) -> @location(0) vec4f {
+fn distorted(@builtin(position) position: vec4f) -> @location(0) vec4f {
     let pixel = vec2i(position.xy);
     let own = textureLoad(camera, pixel, 0);
-    let at = textureLoad(places, pixel, 0).xy;
+    let at = textureLoad(positions, pixel, 0).xy;
     if is_outside(at) {
         return own;
     }
-    let straight = straight_at(at);
-    if straight.same {
+    let undistorted = undistorted_at(at);
+    if undistorted.same {
         return own;
     }
-    let darker = clamp(straight.after / max(straight.before, vec3f(1e-4)), vec3f(0.0), vec3f(1.5));
-    let detail = (linear_from_code(own.rgb) - straight.before) * mix(darker, vec3f(1.0), straight.covered);
-    let colour = straight.after + (1.0 - straight.covered) * detail;
+    let ratio = clamp(undistorted.after / max(undistorted.before, vec3f(1e-4)), vec3f(0.0), vec3f(1.5));
+    let detail = (linear_from_code(own.rgb) - undistorted.before) * mix(ratio, vec3f(1.0), undistorted.covered);
+    let colour = undistorted.after + (1.0 - undistorted.covered) * detail;
     return vec4f(code_from_linear(colour), 1.0);
 }
 
-// The same in another exposure, where nothing is the camera's.
+// The same in another exposure, where no pixel is the camera's.
 @fragment
-fn bent_exposed(@builtin(position) position: vec4f) -> @location(0) vec4f {
-    let at = textureLoad(places, vec2i(position.xy), 0).xy;
-    return vec4f(code_from_linear(straight_at(at).after), 1.0);
+fn distorted_exposed(@builtin(position) position: vec4f) -> @location(0) vec4f {
+    let at = textureLoad(positions, vec2i(position.xy), 0).xy;
+    return vec4f(code_from_linear(undistorted_at(at).after), 1.0);
 }

@@ -1,5 +1,5 @@
-// S_i = Σ weight · radiance over the pixels of face i. Faces are cut into chunks: one
-// workgroup adds up a chunk, another a face's chunks, always in the same order. The CPU twin is
+// S_i = Σ weight · radiance over the pixels of face i. Faces are divided into chunks: one workgroup
+// sums a chunk, another a face's chunks, always in the same order. The CPU twin is
 // `environment::geodesic::sum_faces`.
 
 const INVOCATIONS: u32 = 64u;
@@ -10,7 +10,7 @@ const INVOCATIONS: u32 = 64u;
 @group(0) @binding(1) var<storage, read> faces: array<vec2u>;
 @group(0) @binding(2) var<storage, read> pixels: array<u32>;
 @group(0) @binding(3) var<storage, read> weights: array<f32>;
-// RGB, three numbers a pixel.
+// RGB, three numbers per pixel.
 @group(0) @binding(4) var<storage, read> radiance: array<f32>;
 @group(0) @binding(5) var<storage, read_write> partial: array<vec4f>;
 @group(0) @binding(6) var<storage, read_write> sums: array<vec4f>;
@@ -43,9 +43,9 @@ fn sum_chunk(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_inde
     for (var at = chunk.x + lane; at < end; at += INVOCATIONS) {
         sum += weighted(at);
     }
-    let whole = reduced(sum, lane);
+    let total = reduced(sum, lane);
     if lane == 0u {
-        partial[group.x] = vec4f(whole, 0.0);
+        partial[group.x] = vec4f(total, 0.0);
     }
 }
 
@@ -57,8 +57,8 @@ fn sum_face(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index
     for (var at = face.x + lane; at < end; at += INVOCATIONS) {
         sum += partial[at].rgb;
     }
-    let whole = reduced(sum, lane);
+    let total = reduced(sum, lane);
     if lane == 0u {
-        sums[group.x] = vec4f(whole, 0.0);
+        sums[group.x] = vec4f(total, 0.0);
     }
 }

@@ -1,17 +1,16 @@
-// Depth and normal of the real scene's proxies as the scene camera sees them.
-// The part is the instance.
+// Depth and normal of the real scene's proxies in the scene camera. The instance index is the part.
 
 struct PhantomPart {
     world_from_part: mat4x4f,
     normal_from_part: mat4x4f,
-    // x: 1 receives shadows, 2 mirrors; the rest is the diffuse reflectance.
+    // x: 1 receives shadows, 2 mirrors; yzw: diffuse reflectance.
     kind: vec4f,
 }
 
 @group(1) @binding(0) var<storage, read> parts: array<PhantomPart>;
 
 struct Varying {
-    // `lamp_response` draws the same triangles again and asks for equal depth.
+    // `lamp_response` draws the same triangles again and requires equal depth.
     @builtin(position) @invariant position: vec4f,
     @location(0) normal: vec3f,
     @location(1) @interpolate(flat) kind: f32,
@@ -29,8 +28,8 @@ fn phantom_vertex(
     return Varying(clip_of(world), n, parts[i].kind.x, i);
 }
 
-// A number that neighbouring pixels of one smooth surface share: part and dominant axis of
-// the normal. Up to 254: the shadow buffer keeps it with three more bits in a half float.
+// A number that neighbouring pixels of one smooth surface share: part and dominant axis of the
+// normal. Up to 254: the shadow buffer stores it with three more bits in a half float.
 fn surface_key(part: u32, n: vec3f) -> f32 {
     let a = abs(n);
     let along_x = select(0u, 2u, n.x < 0.0);

@@ -1,14 +1,14 @@
-// The lights of planes: the dome's faces, less what compact sources have in them, and those
-// sources' own. What is taken from a face is what the source gets, so that all the light stays:
-// no face gives more than it has. Each source has two lights, with the images in use and with
-// those that are being drawn; the latter is dark.
+// Lights of the planes: the dome's faces, minus the compact sources in them, and those sources' own
+// lights. The source gets what is subtracted from a face, which never exceeds the face's light, so
+// that the total is preserved. Each source has two lights, one with the images in use and one with
+// those being baked; the latter is dark.
 
 const LANES = 64u;
 
 struct Sources {
-    // Faces; which of a source's lights is in use.
+    // Number of faces; the light in use of each source.
     faces: vec4u,
-    // Per source and face, what the source has in it.
+    // Per source and face, the source's light in the face.
     taken: array<vec4f>,
 }
 
@@ -20,7 +20,7 @@ struct Sources {
 var<workgroup> partial: array<array<vec4f, LANES>, SOURCES>;
 
 @compute @workgroup_size(LANES)
-fn give(@builtin(local_invocation_index) lane: u32) {
+fn assign(@builtin(local_invocation_index) lane: u32) {
     let faces = sources.faces.x;
     for (var s = 0u; s < SOURCES; s++) {
         partial[s][lane] = vec4f(0.0);
@@ -28,9 +28,9 @@ fn give(@builtin(local_invocation_index) lane: u32) {
     for (var i = lane; i < faces; i += LANES) {
         var left = sums[i];
         for (var s = 0u; s < SOURCES; s++) {
-            let given = min(sources.taken[s * faces + i], left);
-            left -= given;
-            partial[s][lane] += given;
+            let taken = min(sources.taken[s * faces + i], left);
+            left -= taken;
+            partial[s][lane] += taken;
         }
         lights[i] = left;
     }

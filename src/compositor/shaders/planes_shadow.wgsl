@@ -1,8 +1,8 @@
-// What light surfaces lack by the sums of basis images: the shadow buffer as shadowing planes
-// have it. P' = P · Isum / Asum per channel (Kakuta 2004, eq. 6), where the picture's own
-// light has been past the phantoms already:
+// Light that surfaces lose, from the sums of basis images: the shadow buffer by shadowing planes.
+// P' = P · Isum / Asum per channel (Kakuta 2004, eq. 6), where phantoms already shadow the light of
+// the picture itself:
 //
-//   R = E_dome · (Ireal − Iall) / Asum      the light that virtual casters keep away
+//   R = E_dome · (Ireal − Iall) / Asum      the light that virtual casters block
 //   E = E_open − E_dome · (1 − Ireal / Asum)   the light that arrives in the real scene
 
 @fragment
@@ -13,7 +13,7 @@ fn phantom_shadow(@builtin(position) at: vec4f) -> @location(0) vec4f {
     let world = world_at(vec2f(pixel), textureLoad(phantom_depth, pixel, 0));
     let shares = real_shares(world, n);
     let dome = by_normal(irradiance_of_lights, n);
-    // Less the light that virtual objects throw back.
+    // Minus the indirect light from virtual objects.
     let kept = dome * max(shares.real - shares.all, vec3f(0.0));
     let lost = (kept - indirect_irradiance(0.0, world, n)) * frame.params.x;
     let added = multiplied_lamps(lamps_at(phantom_lamps, pixel), world, n);
@@ -26,14 +26,14 @@ fn phantom_shadow(@builtin(position) at: vec4f) -> @location(0) vec4f {
 // Texels of the light buffer: irradiance, depth along the view and normal, packed.
 @fragment
 fn virtual_light(@builtin(position) position: vec4f) -> @location(0) vec4u {
-    let step = i32(decided_here(frame.counts.z, position.w));
+    let step = i32(non_uniform(frame.counts.z, position.w));
     let found = covered_sample(vec2i(position.xy) * step, step);
     let n = normal_from_octahedron(octahedron(textureLoad(virtual_shape, found.xy, found.z)));
     let depth = textureLoad(virtual_depth, found.xy, found.z);
-    let world = world_at(sample_place(found.xy, found.z), depth);
-    var left = sky_irradiance(n) + by_normal(irradiance_of_compact, n);
-    left -= by_normal(irradiance_of_lights, n) * (1.0 - virtual_share(world, n));
-    left += indirect_irradiance(2.0, world, n);
-    left += lamp_irradiance(lamps_at(virtual_lamps, found.xy), world, n);
-    return packed_light(max(left, vec3f(0.0)), frame.eye.w / depth, n);
+    let world = world_at(sample_position(found.xy, found.z), depth);
+    var remaining = sky_irradiance(n) + by_normal(irradiance_of_compact, n);
+    remaining -= by_normal(irradiance_of_lights, n) * (1.0 - virtual_share(world, n));
+    remaining += indirect_irradiance(2.0, world, n);
+    remaining += lamp_irradiance(lamps_at(virtual_lamps, found.xy), world, n);
+    return packed_light(max(remaining, vec3f(0.0)), frame.eye.w / depth, n);
 }

@@ -1,41 +1,41 @@
-// The sums of basis images (Kakuta 2007, eqs. 3 and 4), per colour channel, by what is lost:
+// The sums of basis images (Kakuta 2007, eqs. 3 and 4), per colour channel, over the lost light:
 //
 //   Isum / Asum = Σ S_i Ib_i / Σ S_i a_i = 1 − Σ S_i (a_i − Ib_i) / Σ S_i a_i
 //
 //   a_i = max(n · l_i, 0),   Ib_i = a_i V_i,   a_i − Ib_i = a_i (1 − V_i): the stored images
 //
-// with n of the surface that the texel shows. On the real layer Isum is made with phantoms
-// alone as well: their shadows are in the camera's picture already. An invocation has four
-// texels of a row: they share a texel of the texture.
+// with n of the surface that the texel shows. On the real layer Isum is also computed with phantoms
+// alone: their shadows are in the camera's picture already. An invocation processes four texels of
+// a row, which share a texel of the texture.
 
 @group(0) @binding(0) var<storage, read> planes: array<SumPlane>;
 @group(0) @binding(1) var<storage, read> jobs: array<Job>;
-// All stored images side by side, four texels of a row in one.
+// All stored images side by side; a texel holds four texels of a row.
 @group(0) @binding(2) var images: texture_2d<f32>;
 @group(0) @binding(3) var<storage, read> receivers: array<vec2u>;
-// Per four texels: red, green and blue of what is lost past everything, and on the real layer
+// Per four texels: red, green and blue of the light lost past all casters, and on the real layer
 // past phantoms alone.
 @group(0) @binding(4) var<storage, read_write> sums: array<vec4f>;
 @group(0) @binding(5) var share_all: texture_storage_2d_array<rgba16float, write>;
 @group(0) @binding(6) var share_real: texture_storage_2d_array<rgba16float, write>;
-@group(0) @binding(7) var whole_by_normal: texture_2d_array<f32>;
+@group(0) @binding(7) var asum_by_normal: texture_2d_array<f32>;
 @group(0) @binding(8) var smooth_sampler: sampler;
-// Of one plane. Uniform, and images a texture: software drivers take storage buffers lane by
-// lane, many times slower.
+// The entries of one plane. They are a uniform and the images a texture: software drivers read
+// storage buffers lane by lane, many times slower.
 @group(1) @binding(0) var<uniform> work: array<Entry, LIGHTS>;
 @group(1) @binding(1) var<uniform> which: vec4u;
 
-// Four texels of image `number`, which is stored.
+// Four texels of stored image `number`.
 fn stored(number: f32, at: vec2u) -> vec4f {
     let image = bitcast<u32>(number);
     return textureLoad(images, vec2u((image % ACROSS) * (SIDE / 4u), (image / ACROSS) * SIDE) + at, 0);
 }
 
-// The same of any image: `cosine` where all is lost, zero where nothing is.
+// The same for any image: `cosine` where all light is lost, zero where none is.
 fn lost_of(number: f32, at: vec2u, cosine: vec4f) -> vec4f {
     let image = bitcast<u32>(number);
     let there = image < WHITE;
-    // Images that are not stored have no place: the first is read and not used.
+    // Images that are not stored have no texels: the first image is read and ignored.
     let read = stored(bitcast<f32>(select(0u, image, there)), at);
     return select(select(vec4f(0.0), cosine, image == BLACK), read, there);
 }
@@ -70,7 +70,7 @@ fn added(sum: Colours, light: vec4f, s: vec3f) -> Colours {
     return Colours(sum.r + light * s.r, sum.g + light * s.g, sum.b + light * s.b);
 }
 
-// What was summed before stays where differences are added.
+// Adds the previous sums, times `keep`, and stores the result.
 fn kept(sum: Colours, at: u32, keep: f32) -> Colours {
     let all = Colours(
         sum.r + sums[at] * keep,
@@ -83,25 +83,25 @@ fn kept(sum: Colours, at: u32, keep: f32) -> Colours {
     return all;
 }
 
-fn whole_at(k: u32, x: f32, y: f32, z: f32) -> vec3f {
+fn asum_at(k: u32, x: f32, y: f32, z: f32) -> vec3f {
     let side = f32(BY_NORMAL);
     let uv = ((octahedron_from_normal(vec3f(x, y, z)) * 0.5 + 0.5) * (side - 1.0) + 0.5) / side;
-    let by_normal = textureSampleLevel(whole_by_normal, smooth_sampler, uv, 0u, 0.0).rgb;
-    return select(by_normal, jobs[k].whole.rgb, planes[k].kind.x == 1u);
+    let by_normal = textureSampleLevel(asum_by_normal, smooth_sampler, uv, 0u, 0.0).rgb;
+    return select(by_normal, jobs[k].asum.rgb, planes[k].kind.x == 1u);
 }
 
-// What arrives of what could; all of it where there is no light to lose.
-fn share(lost: vec3f, whole: vec3f) -> vec3f {
-    let ratio = clamp(vec3f(1.0) - lost / max(whole, vec3f(1e-12)), vec3f(0.0), vec3f(1.0));
-    return select(vec3f(1.0), ratio, whole > vec3f(1e-9));
+// Fraction of the possible light that arrives; 1 where there is no light to lose.
+fn share(lost: vec3f, asum: vec3f) -> vec3f {
+    let ratio = clamp(vec3f(1.0) - lost / max(asum, vec3f(1e-12)), vec3f(0.0), vec3f(1.0));
+    return select(vec3f(1.0), ratio, asum > vec3f(1e-9));
 }
 
 fn depth_at(texel: u32) -> f32 {
     return f32(receivers[texel].y) / 65534.0;
 }
 
-// What is written out for four texels would be kept in memory by software drivers if it were
-// indexed by a variable.
+// The code for the four texels is written out, because software drivers keep arrays that are
+// indexed by a variable in memory.
 @compute @workgroup_size(64)
 fn sum(@builtin(global_invocation_id) id: vec3u) {
     let word = id.x;
@@ -133,13 +133,13 @@ fn sum(@builtin(global_invocation_id) id: vec3u) {
         let l = work[LIGHTS - 1u - j].light;
         all = added(all, max(n.x * l.x + n.y * l.y + n.z * l.z, vec4f(0.0)), s.rgb);
     }
-    let keep = select(1.0, 0.0, jobs[k].anew == 1u);
+    let keep = select(1.0, 0.0, jobs[k].recompute == 1u);
     let at = planes[k].kind.y + word * select(3u, 6u, REAL);
     all = kept(all, at, keep);
-    let w0 = whole_at(k, n.x.x, n.y.x, n.z.x);
-    let w1 = whole_at(k, n.x.y, n.y.y, n.z.y);
-    let w2 = whole_at(k, n.x.z, n.y.z, n.z.z);
-    let w3 = whole_at(k, n.x.w, n.y.w, n.z.w);
+    let w0 = asum_at(k, n.x.x, n.y.x, n.z.x);
+    let w1 = asum_at(k, n.x.y, n.y.y, n.z.y);
+    let w2 = asum_at(k, n.x.z, n.y.z, n.z.z);
+    let w3 = asum_at(k, n.x.w, n.y.w, n.z.w);
     let row = vec2u(texel % SIDE, texel / SIDE);
     let first = k * SIDE * SIDE + texel;
     textureStore(share_all, row, k, vec4f(share(vec3f(all.r.x, all.g.x, all.b.x), w0), depth_at(first)));

@@ -1,9 +1,9 @@
-// The finished picture on a window's surface, scaled to fit, black around it.
+// The finished picture on a window's surface, scaled to fit, with black borders.
 
 @group(0) @binding(0) var picture: texture_2d<f32>;
 @group(0) @binding(1) var smooth_sampler: sampler;
-// Scale and offset from window coordinates (0..1) to picture coordinates; z of `more` is 1
-// where the surface encodes sRGB itself, so that the codes must be decoded first.
+// Scale and offset from window coordinates (0..1) to picture coordinates; z of `more` is 1 if the
+// surface encodes sRGB itself, so that the codes must be decoded first.
 struct Placement {
     scale_offset: vec4f,
     more: vec4f,

@@ -1,6 +1,5 @@
-// The real picture as virtual objects reflect it: linear, as bright everywhere as in its middle,
-// with the virtual shadows on it,
-// halved again and again.
+// The real picture as virtual objects reflect it: linear, corrected for vignetting, with the
+// virtual shadows, and its mip levels.
 
 @group(1) @binding(0) var camera: texture_2d<f32>;
 @group(1) @binding(2) var shadow: texture_2d<f32>;
@@ -12,8 +11,8 @@ fn linear_at(pixel: vec2i) -> vec3f {
     let at = min(pixel, last);
     var linear = linear_of(textureLoad(camera, at, 0).rgb);
     if EXPOSED {
-        // As the camera took it, like all light that virtual surfaces are shaded by: what they
-        // look like must not hang on the exposure.
+        // In the camera's exposure, like all light that shades virtual surfaces: their appearance
+        // must not depend on the exposure.
         linear = min(linear / frame.ground.w, vec3f(1.0));
     }
     let s = textureLoad(shadow, at >> vec2u(frame.tiling.z), 0).rgb;

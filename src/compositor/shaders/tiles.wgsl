@@ -1,6 +1,6 @@
-// Which dome lights could be blocked for some surface in each tile of the picture: the box
-// around the tile's surface points against the rectangle that each shadow map covers. And which
-// lamps may shine on one.
+// Determines for each tile of the picture which dome lights may be blocked for some surface, by
+// testing the bounding box of the tile's surface points against the rectangle that each shadow map
+// covers; and which lamps may light one.
 
 @group(1) @binding(0) var phantom_normal: texture_2d<f32>;
 @group(1) @binding(1) var phantom_depth: texture_depth_2d;
@@ -25,7 +25,7 @@ fn with_point(b: Bounds, p: vec3f, n: vec3f) -> Bounds {
 fn reaches(u: vec4f, v: vec4f, d: vec4f, spread: f32, centre: vec4f, extent: vec3f) -> bool {
     let at = vec2f(dot(u, centre), dot(v, centre));
     let deepest = dot(d, centre) + dot(abs(d.xyz), extent);
-    // Penumbrae reach beyond the map.
+    // Penumbrae extend beyond the map.
     let wider = spread * max(deepest, 0.0) * vec2f(length(u.xyz), length(v.xyz));
     let by = vec2f(dot(abs(u.xyz), extent), dot(abs(v.xyz), extent)) + wider;
     return all(abs(at - vec2f(0.5)) < by + vec2f(0.5)) && deepest > 0.0;
@@ -37,29 +37,29 @@ fn faces(direction: vec3f, b: Bounds) -> bool {
     return dot(direction, centre) + dot(abs(direction), extent) > 0.0;
 }
 
-// The bit of a mask that a light has; lights are gone through in their order.
-struct Place {
+// The bit of a light in a mask; lights are iterated in order.
+struct LightBit {
     bit: vec2u,
-    // Lights that share the bit and are still to come.
+    // Remaining lights that share the bit.
     left: u32,
 }
 
-fn next_place(p: Place) -> Place {
+fn next_bit(p: LightBit) -> LightBit {
     if p.left > 0u {
-        return Place(p.bit, p.left - 1u);
+        return LightBit(p.bit, p.left - 1u);
     }
-    // Before all bits comes the first; past the low word's last the high word's first.
+    // The first call sets the first bit; the low word's last bit carries to the high word's first.
     let carry = p.bit.x >> 31u;
     let first = select(0u, 1u, all(p.bit == vec2u(0u)));
-    return Place(vec2u((p.bit.x << 1u) | first, (p.bit.y << 1u) | carry), frame.tiling.x - 1u);
+    return LightBit(vec2u((p.bit.x << 1u) | first, (p.bit.y << 1u) | carry), frame.tiling.x - 1u);
 }
 
 fn all_lights(count: u32) -> vec4u {
     var masks = vec4u(0u);
-    var place = Place(vec2u(0u), 0u);
+    var position = LightBit(vec2u(0u), 0u);
     for (var i = 0u; i < count; i++) {
-        place = next_place(place);
-        masks |= vec4u(place.bit, place.bit);
+        position = next_bit(position);
+        masks |= vec4u(position.bit, position.bit);
     }
     return masks;
 }
@@ -71,10 +71,10 @@ fn blockable(b: Bounds, count: u32) -> vec4u {
         return masks;
     }
     let centre = vec4f(0.5 * (b.low + b.high), 1.0);
-    var place = Place(vec2u(0u), 0u);
+    var position = LightBit(vec2u(0u), 0u);
     for (var i = 0u; i < count; i++) {
-        place = next_place(place);
-        let word = place.bit;
+        position = next_bit(position);
+        let word = position.bit;
         let dark = all(lights[i].irradiance.rgb == vec3f(0.0));
         if dark | !faces(lights[i].direction.xyz, b) {
             continue;
@@ -94,34 +94,34 @@ fn blockable(b: Bounds, count: u32) -> vec4u {
     return masks;
 }
 
-// Virtual objects throw light where they cast no shadow, too.
+// Indirect light from virtual objects also reaches surfaces without virtual shadows.
 fn is_near(b: Bounds) -> bool {
     let margin = vec3f(0.02);
     return (frame.indirect_low.w != 0.0) & all(b.high > frame.indirect_low.xyz - margin)
         & all(b.low < frame.indirect_high.xyz + margin);
 }
 
-// Shadowing planes know no lights: whatever they cover may be in shadow.
+// Shadowing planes do not distinguish lights: everything that they cover may be in shadow.
 fn is_on_planes(b: Bounds) -> bool {
     return (frame.planes_low.w != 0.0) & all(b.high > frame.planes_low.xyz)
         & all(b.low < frame.planes_high.xyz);
 }
 
-// Whether some surface in the box may face something within `radius` of a place.
-fn may_face(b: Bounds, place: vec3f, radius: f32) -> bool {
-    let near = place - b.high - vec3f(radius);
-    let far = place - b.low + vec3f(radius);
-    let most = max(max(b.normal_low * near, b.normal_low * far), max(b.normal_high * near, b.normal_high * far));
-    return most.x + most.y + most.z > 0.0;
+// Whether some surface in the box may face something within `radius` of `position`.
+fn may_face(b: Bounds, position: vec3f, radius: f32) -> bool {
+    let near = position - b.high - vec3f(radius);
+    let far = position - b.low + vec3f(radius);
+    let max_dot = max(max(b.normal_low * near, b.normal_low * far), max(b.normal_high * near, b.normal_high * far));
+    return max_dot.x + max_dot.y + max_dot.z > 0.0;
 }
 
-// Lamps, one bit each, that may shine on something.
+// Lamps, one bit each, that may light anything in the box.
 fn lamps_on(b: Bounds) -> u32 {
     if !LAMPED || any(b.low > b.high) {
         return 0u;
     }
     var mask = 0u;
-    let count = decided_here(lamps.count.x, b.low.x);
+    let count = non_uniform(lamps.count.x, b.low.x);
     for (var k = 0u; k < count; k++) {
         let shines = may_face(b, lamps.each[k].position.xyz, lamp_radius(k)) && lamp_reaches(k, b.low, b.high);
         mask |= select(0u, 1u << k, shines);
@@ -130,7 +130,7 @@ fn lamps_on(b: Bounds) -> u32 {
 }
 
 fn all_lamps() -> u32 {
-    // Shifting by all 32 bits is not defined.
+    // Shifting by all 32 bits is undefined.
     return select(0u, 0xffffffffu >> (32u - max(lamps.count.x, 1u)), lamps.count.x > 0u);
 }
 
@@ -142,8 +142,8 @@ struct Classes {
 
 @fragment
 fn classify_real(@builtin(position) at: vec4f) -> Classes {
-    let side = i32(decided_here(frame.tiling.y, at.w));
-    let step = i32(decided_here(frame.counts.z, at.w));
+    let side = i32(non_uniform(frame.tiling.y, at.w));
+    let step = i32(non_uniform(frame.counts.z, at.w));
     let corner = vec2i(at.xy) * side;
     let last = vec2i(frame.size.xy) - vec2i(1);
     var real = nothing();
@@ -159,21 +159,21 @@ fn classify_real(@builtin(position) at: vec4f) -> Classes {
             }
         }
     }
-    var masks = blockable(real, decided_here(frame.counts.x, at.w));
+    var masks = blockable(real, non_uniform(frame.counts.x, at.w));
     let lit = lamps_on(real);
-    // Any light will do to have the tile drawn.
+    // Any light's bit causes the tile to be drawn.
     masks.x |= select(0u, 1u, is_near(real) | is_on_planes(real) | (lit != 0u));
     return Classes(masks, lit);
 }
 
-// The same for virtual surfaces, from every other pixel. Where those miss what there is
-// (a wire), any light may be blocked.
+// The same for virtual surfaces, from every other pixel. Where those miss all surfaces (a wire),
+// any light may be blocked.
 @fragment
 fn classify_virtual(@builtin(position) at: vec4f) -> Classes {
-    let side = i32(decided_here(frame.tiling.y, at.w));
+    let side = i32(non_uniform(frame.tiling.y, at.w));
     let corner = vec2i(at.xy) * side;
     let last = vec2i(frame.size.xy) - vec2i(1);
-    var unreal = nothing();
+    var bounds = nothing();
     for (var y = 0; y < side; y += 2) {
         for (var x = 0; x < side; x += 2) {
             let pixel = min(corner + vec2i(x, y), last);
@@ -181,21 +181,21 @@ fn classify_virtual(@builtin(position) at: vec4f) -> Classes {
             if is_surface(shape) {
                 let depth = textureLoad(virtual_depth, pixel, 0);
                 let n = normal_from_octahedron(octahedron(shape));
-                unreal = with_point(unreal, world_at(sample_place(pixel, 0), depth), n);
+                bounds = with_point(bounds, world_at(sample_position(pixel, 0), depth), n);
             }
         }
     }
-    if any(unreal.low > unreal.high) {
-        return Classes(all_lights(decided_here(frame.counts.x, at.w)), all_lamps());
+    if any(bounds.low > bounds.high) {
+        return Classes(all_lights(non_uniform(frame.counts.x, at.w)), all_lamps());
     }
-    // Between the pixels looked at, normals turn a little further.
-    unreal.normal_low -= vec3f(0.1);
-    unreal.normal_high += vec3f(0.1);
-    let masks = blockable(unreal, decided_here(frame.counts.x, at.w));
-    // A spot's edge is drawn as finely as the picture: what lies between the pixels counts.
-    let between = 0.1 * (unreal.high - unreal.low)
-        + vec3f(2.0 * distance(frame.eye.xyz, unreal.low) / frame.intrinsics.x);
-    unreal.low -= between;
-    unreal.high += between;
-    return Classes(masks, lamps_on(unreal));
+    // Between the sampled pixels, normals may vary a little further.
+    bounds.normal_low -= vec3f(0.1);
+    bounds.normal_high += vec3f(0.1);
+    let masks = blockable(bounds, non_uniform(frame.counts.x, at.w));
+    // A spot's edge is drawn at the picture's resolution: points between the sampled pixels count.
+    let between = 0.1 * (bounds.high - bounds.low)
+        + vec3f(2.0 * distance(frame.eye.xyz, bounds.low) / frame.intrinsics.x);
+    bounds.low -= between;
+    bounds.high += between;
+    return Classes(masks, lamps_on(bounds));
 }

@@ -1,17 +1,17 @@
-// Surface properties of the virtual objects, several samples a pixel: what the shadow
-// buffer and the composite need. The part is the instance.
+// Surface properties of the virtual objects, several samples per pixel, for the shadow buffer and
+// the composite. The instance index is the part.
 
 struct VirtualPart {
     world_from_part: mat4x4f,
-    // Its last entry is -1 where the placement mirrors.
+    // Its last entry is -1 if the placement mirrors.
     normal_from_part: mat4x4f,
     base_colour: vec4f,
     // Metallic, roughness, specular, alpha cutoff.
     surface: vec4f,
     // RGB emissive; w = scale of the normal map, 0 for none.
     emissive: vec4f,
-    // Phong's specular colour by its square root, log2(exponent + 1) / 14; below zero there
-    // is none.
+    // Square root of Phong's specular colour, log2(exponent + 1) / 14; negative without Phong's
+    // lobe.
     phong: vec4f,
 }
 
@@ -23,8 +23,8 @@ struct VirtualPart {
 @group(2) @binding(4) var occlusion_map: texture_2d<f32>;
 @group(2) @binding(5) var emissive_map: texture_2d<f32>;
 
-// Centroid: in a pixel that a triangle covers in part, its normal is taken where it is.
-// Taken at the pixel's middle, beyond the outline, it would look away from the camera.
+// Centroid: a partly covered pixel takes the normal within the triangle. At the pixel's centre,
+// beyond the outline, the extrapolated normal would face away from the camera.
 struct Varying {
     @builtin(position) position: vec4f,
     @location(0) @interpolate(perspective, centroid) normal: vec3f,
@@ -48,7 +48,7 @@ fn virtual_vertex(
     return Varying(clip_of(world), n, uv, vec4f(t, side), i);
 }
 
-// Without textures, and with nothing cut away.
+// Without textures and alpha test.
 struct PlainVarying {
     @builtin(position) position: vec4f,
     @location(0) @interpolate(perspective, centroid) normal: vec3f,
@@ -71,7 +71,7 @@ fn occluder_vertex(@location(0) world: vec3f) -> @builtin(position) vec4f {
     return clip_of(vec4f(world, 1.0));
 }
 
-fn bent(in: Varying, scale: f32) -> vec3f {
+fn mapped_normal(in: Varying, scale: f32) -> vec3f {
     let n = normalize(in.normal);
     if scale == 0.0 {
         return n;
@@ -89,7 +89,7 @@ fn virtual_fragment(in: Varying, @builtin(front_facing) front: bool) -> PackedSu
     let mr = textureSample(metallic_roughness_map, surface_sampler, in.uv);
     let occlusion = textureSample(occlusion_map, surface_sampler, in.uv).r;
     let emissive = part.emissive.rgb * textureSample(emissive_map, surface_sampler, in.uv).rgb;
-    var n = bent(in, part.emissive.w);
+    var n = mapped_normal(in, part.emissive.w);
     if base.a < part.surface.w {
         discard;
     }

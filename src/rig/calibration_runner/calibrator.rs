@@ -59,7 +59,7 @@ impl Calibrator {
         Arc::new(Self {
             hub: Arc::clone(&live.hub),
             devices: Arc::clone(&live.devices),
-            observer: live.onlooker(),
+            observer: live.observer(),
             config: Arc::new(config.clone()),
             monitor: CalibrationMonitor::new(forms()),
             make,

@@ -44,7 +44,7 @@ pub fn verify_step(
 ) -> Result<Verify, RigError> {
     let rig = &document.calibration;
     if document.markers.is_empty() {
-        return Err(RigError::NothingToCheckBy);
+        return Err(RigError::NoMarkersToVerify);
     }
     let map = markers::tag_map(&document.markers)?;
     let scene = document.phantom_scene(files)?;

@@ -48,23 +48,24 @@ fn live() -> (Source, Arc<Hub>) {
 
 fn feed(source: &Source) -> Feed {
     let rig = RigDocument::uncalibrated(640, 480).calibration;
-    let waits = PairingConfig {
+    let config = PairingConfig {
         max_wait_nanos: 20 * MS,
         ..PairingConfig::default()
     };
-    Feed::new(source, &rig, waits, true)
+    Feed::new(source, &rig, config, true)
 }
 
-fn numbers(feed: &mut Feed) -> (u64, u64, u64) {
+/// Index, sequence number and skipped pictures of the next frame.
+fn next_numbers(feed: &mut Feed) -> (u64, u64, u64) {
     match feed.next_picture(None) {
-        Next::Item(fed) => (fed.frame.index, fed.frame.scene.sequence, fed.skipped),
+        Next::Item(item) => (item.frame.index, item.frame.scene.sequence, item.skipped),
         Next::Idle => panic!("idle"),
         Next::Ended => panic!("the end"),
     }
 }
 
 #[test]
-fn of_the_pictures_that_wait_the_newest_is_made_and_the_others_are_counted() {
+fn returns_newest_waiting_picture_and_counts_the_others() {
     let (source, hub) = live();
     let mut feed = feed(&source);
     let start = SystemClock.now();
@@ -73,37 +74,37 @@ fn of_the_pictures_that_wait_the_newest_is_made_and_the_others_are_counted() {
         hub.deliver(SessionEvent::Scene(frame(at(33 * n), n as u64)));
         hub.deliver(pose(at(33 * n + 5)));
     }
-    assert_eq!(numbers(&mut feed), (6, 6, 6));
+    assert_eq!(next_numbers(&mut feed), (6, 6, 6));
     hub.deliver(SessionEvent::Scene(frame(at(400), 7)));
     hub.deliver(pose(at(405)));
-    assert_eq!(numbers(&mut feed), (7, 7, 0));
+    assert_eq!(next_numbers(&mut feed), (7, 7, 0));
     assert_eq!(feed.counts().scene_frames, 8);
     hub.end();
     assert!(matches!(feed.next_picture(None), Next::Ended));
 }
 
 #[test]
-fn a_silent_tracker_holds_no_picture_back() {
+fn silent_tracker_does_not_delay_picture_beyond_maximum_wait() {
     let (source, hub) = live();
     let mut feed = feed(&source);
     let now = SystemClock.now();
     hub.deliver(pose(now));
     hub.deliver(SessionEvent::Scene(frame(now.offset_nanos(MS), 0)));
     let begun = Instant::now();
-    assert_eq!(numbers(&mut feed), (0, 0, 0));
+    assert_eq!(next_numbers(&mut feed), (0, 0, 0));
     let waited = begun.elapsed();
     assert!(waited < Duration::from_millis(150), "{waited:?}");
     assert!(waited > Duration::from_millis(10), "{waited:?}");
 }
 
 #[test]
-fn a_tracker_alone_does_not_keep_the_rig_from_saying_that_no_picture_comes() {
+fn reports_idle_while_only_the_tracker_delivers() {
     let (source, hub) = live();
     let mut feed = feed(&source);
-    let over = Arc::new(AtomicBool::new(false));
-    let stop = over.clone();
+    let stop = Arc::new(AtomicBool::new(false));
+    let stopped = stop.clone();
     let tracker = threads::spawn("tracker", move || {
-        while !stop.load(Ordering::Relaxed) {
+        while !stopped.load(Ordering::Relaxed) {
             hub.deliver(pose(SystemClock.now()));
             std::thread::sleep(Duration::from_millis(2));
         }
@@ -112,26 +113,26 @@ fn a_tracker_alone_does_not_keep_the_rig_from_saying_that_no_picture_comes() {
     assert!(matches!(feed.next_picture(None), Next::Idle));
     assert!(begun.elapsed() < Duration::from_secs(5));
     assert!(feed.counts().poses > 5);
-    over.store(true, Ordering::Relaxed);
+    stop.store(true, Ordering::Relaxed);
     tracker.unwrap().join().unwrap();
 }
 
-/// What a live rig that was too slow for every second picture has recorded.
+/// The recording of a live rig that was too slow for every second picture.
 #[test]
-fn a_replay_pairs_as_the_live_rig_did_and_knows_what_its_light_saw() {
+fn replay_pairs_as_the_live_rig_and_reads_its_journal() {
     let at = |millis: i64| MonotonicTime::from_nanos(1_000_000 * MS + millis * MS);
     let mut writer = SessionWriter::new(Cursor::new(Vec::new()), Path::new("memory")).unwrap();
     for n in 0..10 {
-        let shown = at(40 * n);
+        let arrived_at = at(40 * n);
         writer
-            .event(&SessionEvent::Scene(frame(shown, n as u64)))
+            .event(&SessionEvent::Scene(frame(arrived_at, n as u64)))
             .unwrap();
-        // The tracker is silent: the wait is over after 20 ms.
+        // The tracker is silent: the wait for it ends after 20 ms.
         writer.event(&SessionEvent::Tick(at(40 * n + 20))).unwrap();
         if n % 2 == 0 && n < 8 {
             let entry = SessionEvent::Prepared {
                 at: at(40 * n + 90),
-                arrived_at: shown,
+                arrived_at,
                 light: (n > 0).then_some(LightRecord {
                     seen: n == 4,
                     lit_by: Some(at(0)),
@@ -145,10 +146,10 @@ fn a_replay_pairs_as_the_live_rig_did_and_knows_what_its_light_saw() {
     std::fs::write(&path, writer.finish().unwrap().into_inner()).unwrap();
     let source = Source::Recorded(Session::open(&path).unwrap());
     let mut feed = feed(&source);
-    let mut lit = Vec::new();
-    while let Next::Item(fed) = feed.next_picture(None) {
-        assert_eq!(fed.frame.index, lit.len() as u64);
-        lit.push(fed.entry);
+    let mut entries = Vec::new();
+    while let Next::Item(item) = feed.next_picture(None) {
+        assert_eq!(item.frame.index, entries.len() as u64);
+        entries.push(item.entry);
     }
     let skipped = JournalEntry::Skipped;
     let composed = |seen| {
@@ -158,7 +159,7 @@ fn a_replay_pairs_as_the_live_rig_did_and_knows_what_its_light_saw() {
         }))
     };
     let expected = [
-        // Older recordings say nothing of the light.
+        // As in older recordings: an entry without light.
         JournalEntry::Composed(None),
         skipped,
         composed(false),
@@ -170,13 +171,13 @@ fn a_replay_pairs_as_the_live_rig_did_and_knows_what_its_light_saw() {
         skipped,
         skipped,
     ];
-    assert_eq!(lit, expected);
-    // Whoever does not follow the live rig lets the light see all.
+    assert_eq!(entries, expected);
+    // Without the journal, no frame has an entry.
     let rig = RigDocument::uncalibrated(640, 480).calibration;
     let mut all = Feed::new(&source, &rig, PairingConfig::default(), false);
     let mut count = 0;
-    while let Next::Item(fed) = all.next_picture(None) {
-        assert_eq!(fed.entry, JournalEntry::None);
+    while let Next::Item(item) = all.next_picture(None) {
+        assert_eq!(item.entry, JournalEntry::None);
         count += 1;
     }
     assert_eq!(count, 10);

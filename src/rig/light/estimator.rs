@@ -7,7 +7,7 @@ use crate::light::scene_tables::{RealLight, SceneLight, hides};
 use crate::light::state::LightState;
 use crate::light::surfaces::{GroundRadiance, PhantomSurfaces};
 use crate::light::view::{SceneView, SphereAt};
-use crate::registration::UNTOLD_SIGMA;
+use crate::registration::DEFAULT_SPHERE_SIGMA;
 use crate::setup::RigSetup;
 use glam::{DVec3, Mat3, Quat, Vec3};
 use penumbra_camera::EnvironmentView;
@@ -52,7 +52,7 @@ pub struct LightEstimator {
     decoded: Vec<Picture>,
     generation: Option<u64>,
     lighting: Option<Arc<Lighting>>,
-    near: IndirectLightUpdater,
+    indirect: IndirectLightUpdater,
     /// Time of the next picture, seconds since the session began.
     seconds: f64,
     since_overlap: u32,
@@ -91,7 +91,7 @@ impl LightEstimator {
             decoded: Vec::new(),
             generation: None,
             lighting: None,
-            near: IndirectLightUpdater::new(&setup.scene, &casters(&setup.scene)),
+            indirect: IndirectLightUpdater::new(&setup.scene, &casters(&setup.scene)),
             seconds: 0.0,
             since_overlap: 0,
         })
@@ -110,7 +110,7 @@ impl LightEstimator {
         self.ground.look(scene);
         self.phantoms.look(scene);
         if is_in_scene(&self.rig) {
-            self.see_in_scene(scene)?;
+            self.estimate_from_sphere(scene)?;
         } else if let Some(set) = set
             && self.generation != Some(set.generation)
         {
@@ -121,7 +121,7 @@ impl LightEstimator {
         }
         if let Some(lighting) = &self.lighting {
             let phantoms = self.phantoms.radiance(lighting);
-            self.near.update(self.seconds, lighting, phantoms);
+            self.indirect.update(self.seconds, lighting, phantoms);
         }
         Ok(self.lighting.clone())
     }
@@ -134,7 +134,8 @@ impl LightEstimator {
         Ok(())
     }
 
-    fn see_in_scene(&mut self, scene: &SceneView<'_>) -> Result<(), RigError> {
+    /// Estimates the light from the mirrored sphere in the scene camera's picture.
+    fn estimate_from_sphere(&mut self, scene: &SceneView<'_>) -> Result<(), RigError> {
         let (Some(estimator), Some(pose)) = (&mut self.estimator, scene.world_from_camera) else {
             return Ok(());
         };
@@ -145,19 +146,21 @@ impl LightEstimator {
                 picture: scene.picture,
                 ev: 0.0,
             }],
-            scene: (scene.ball != SphereAt::Lost).then_some((pose, &self.rig.scene_camera.camera)),
+            scene: (scene.sphere != SphereAt::Lost)
+                .then_some((pose, &self.rig.scene_camera.camera)),
             gains: Mat3::IDENTITY,
             ground_radiance: self.ground.radiance(),
             measured_ground_irradiance: None,
             hidden: Some(&hidden),
             occluder_radiance: self.phantoms.mean(),
-            sphere_position: ball(scene, &self.rig),
+            sphere_position: sphere_position(scene, &self.rig),
             captured_at: scene.captured_at,
         })?;
         self.lighting = Some(lighting);
         Ok(())
     }
 
+    /// Estimates the light from a decoded environment set.
     fn estimate(&mut self, set: &EnvironmentSet, scene: &SceneView<'_>) -> Result<(), RigError> {
         let Some(estimator) = &mut self.estimator else {
             return Ok(());
@@ -260,17 +263,17 @@ impl LightEstimator {
         }
     }
 
-    /// Goes on with another scene.
-    pub(crate) fn take_scene(&mut self, scene: SceneLight) {
+    /// Replaces the scene.
+    pub(crate) fn set_scene(&mut self, scene: SceneLight) {
         let SceneLight {
-            mut near,
+            mut indirect,
             mut ground,
             phong,
             real,
         } = scene;
         ground.follow(&self.ground);
-        near.follow(&self.near);
-        (self.near, self.ground) = (near, ground);
+        indirect.follow(&self.indirect);
+        (self.indirect, self.ground) = (indirect, ground);
         if let Some(real) = real {
             (self.phantoms, self.rays) = (real.phantoms, real.rays);
             self.estimator = real.estimator.or(self.estimator.take());
@@ -314,7 +317,7 @@ impl LightEstimator {
     }
 
     /// Rotates that dome with the model whose planes it lights.
-    pub fn turn_faces(&mut self, world_from_dome: Quat) {
+    pub fn rotate_faces(&mut self, world_from_dome: Quat) {
         if let Some(estimator) = &mut self.estimator {
             estimator.rotate_faces(world_from_dome);
         }
@@ -326,7 +329,7 @@ impl LightEstimator {
         let estimator = self.estimator.as_ref();
         LightState {
             lighting: self.lighting.clone(),
-            near: self.near.light().map(|near| Arc::new(near.clone())),
+            indirect: self.indirect.light().map(|light| Arc::new(light.clone())),
             white_balance: Some(Arc::new(self.match_status())),
             sources: Arc::new(
                 estimator
@@ -338,32 +341,32 @@ impl LightEstimator {
         }
     }
 
-    /// The current light.
+    /// Returns the current light.
     #[must_use]
     pub const fn lighting(&self) -> Option<&Arc<Lighting>> {
         self.lighting.as_ref()
     }
 
-    /// State of the white balance between the cameras.
+    /// Returns the state of the white balance between the cameras.
     #[must_use]
     pub fn match_status(&self) -> MatchStatus {
         self.white_balance.status()
     }
 
-    /// The estimator, for previews and placement of lights.
+    /// Returns the estimator, for previews and placement of lights.
     pub const fn estimator(&mut self) -> Option<&mut EnvironmentEstimator> {
         self.estimator.as_mut()
     }
 }
 
 /// Returns the assumed position of the mirrored sphere in this picture.
-fn ball(scene: &SceneView<'_>, rig: &RigCalibration) -> Option<SpherePosition> {
-    match (scene.ball, rig.environment.as_ref().map(|e| &e.view)) {
-        (SphereAt::Seen(ball), _) => Some(ball),
+fn sphere_position(scene: &SceneView<'_>, rig: &RigCalibration) -> Option<SpherePosition> {
+    match (scene.sphere, rig.environment.as_ref().map(|e| &e.view)) {
+        (SphereAt::Seen(position), _) => Some(position),
         (SphereAt::Calibrated, Some(EnvironmentView::SphereInScene { sphere })) => {
             Some(SpherePosition {
                 centre_in_world: sphere.centre_in_world,
-                sigma: UNTOLD_SIGMA,
+                sigma: DEFAULT_SPHERE_SIGMA,
             })
         }
         _ => None,

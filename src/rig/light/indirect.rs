@@ -20,7 +20,7 @@ const FAR_ENOUGH: f64 = 0.02;
 
 /// Indirect light, updated as parts move; see the module.
 pub(crate) struct IndirectLightUpdater {
-    near: Option<IndirectLightSolver>,
+    solver: Option<IndirectLightSolver>,
     /// The scene and its casters, if parts of it move.
     moving: Option<Moving>,
     next: Option<Next>,
@@ -46,7 +46,7 @@ impl IndirectLightUpdater {
     /// Creates an updater for `scene` in its initial state; `casters` are its virtual parts.
     pub fn new(scene: &Scene, casters: &[Part]) -> Self {
         Self {
-            near: IndirectLightSolver::new(scene, casters),
+            solver: IndirectLightSolver::new(scene, casters),
             moving: Moving::new(scene, casters),
             next: None,
         }
@@ -54,15 +54,17 @@ impl IndirectLightUpdater {
 
     /// Continues from the state for the previous scene.
     pub fn follow(&mut self, before: &Self) {
-        if let (Some(near), Some(before)) = (&mut self.near, &before.near) {
-            near.follow(before);
+        if let (Some(solver), Some(before)) = (&mut self.solver, &before.solver) {
+            solver.follow(before);
         }
     }
 
     /// Updates the light to `seconds` after the session began, approximately: see the module.
     pub fn update(&mut self, seconds: f64, lighting: &Lighting, phantoms: &PhantomRadiance) {
-        let Some(near) = &mut self.near else { return };
-        if !near.is_outdated(lighting) {
+        let Some(solver) = &mut self.solver else {
+            return;
+        };
+        if !solver.is_outdated(lighting) {
             return;
         }
         // Time starts again with each loop of a recording.
@@ -70,11 +72,11 @@ impl IndirectLightUpdater {
         if let Some(next) = self.next.take_if(due)
             && let Ok(Some(mut found)) = next.finding.join()
         {
-            found.follow(near);
+            found.follow(solver);
             found.settle(lighting, phantoms);
-            *near = found;
+            *solver = found;
         }
-        near.update(lighting, phantoms);
+        solver.update(lighting, phantoms);
         if self.next.is_none()
             && let Some(moving) = &mut self.moving
         {
@@ -82,9 +84,9 @@ impl IndirectLightUpdater {
         }
     }
 
-    /// The latest solution.
+    /// Returns the latest solution.
     pub fn light(&self) -> Option<&IndirectLight> {
-        self.near.as_ref().map(IndirectLightSolver::light)
+        self.solver.as_ref().map(IndirectLightSolver::light)
     }
 }
 
@@ -121,7 +123,7 @@ impl Moving {
         }
         let (scene, casters) = (self.scene.clone(), self.casters.clone());
         let find = move || IndirectLightSolver::new(&scene, &casters);
-        let finding = threads::spawn_background("near light", find);
+        let finding = threads::spawn_background("indirect light", find);
         // If the system cannot start a thread, the latest solution stays.
         finding.ok().map(|finding| Next {
             begun: seconds,
@@ -129,8 +131,8 @@ impl Moving {
         })
     }
 
-    /// Moves all parts to their positions at `seconds` if a part has moved far enough since the last
-    /// move. Returns whether it did.
+    /// Moves all parts to their positions at `seconds` if a part has moved far enough since the
+    /// last move. Returns whether it did.
     fn go_to(&mut self, seconds: f64) -> bool {
         let mut movers = self.scene.motions.parts.iter().zip(&self.boxes);
         let far = movers.any(|(mover, ends)| {

@@ -26,44 +26,44 @@ use std::sync::Arc;
 pub fn light_of_session(session: &Session, config: &Config) -> Result<LightReport, RigError> {
     let source = Source::Recorded(session.clone());
     let setup = RigSetup::read(&source, config)?;
-    let mut station = LightEstimator::new(&setup, config, &|name| session.attachment(name))?;
+    let mut light = LightEstimator::new(&setup, config, &|name| session.attachment(name))?;
     let pairing = crate::settings::pairing_config(&setup.calibration).with_full_windows();
     let mut feed = Feed::new(&source, &setup.calibration, pairing, false);
     let none = || RigError::NoLight {
         path: session.path().to_owned(),
     };
     let mut picture = Picture::default();
-    while let Next::Item(journaled) = feed.next_picture(None) {
-        let frame = journaled.frame;
+    while let Next::Item(item) = feed.next_picture(None) {
+        let frame = item.frame;
         if decode_into(&frame.scene, &config.input.encoding(), &mut picture).is_err() {
             continue;
         }
         let pose = setup.world_from_camera(&frame);
         let view = SceneView {
-            ball: SphereAt::Calibrated,
+            sphere: SphereAt::Calibrated,
             picture: &picture,
             world_from_camera: pose,
             captured_at: frame.captured_at,
             exposure: frame.scene.exposure,
         };
         let set = frame.environment.as_ref().map(|e| e.set.as_ref());
-        if let Some(lighting) = station.update(set, &view)? {
-            return belief(&setup, &mut station, lighting, pose)?.ok_or_else(none);
+        if let Some(lighting) = light.update(set, &view)? {
+            return report(&setup, &mut light, lighting, pose)?.ok_or_else(none);
         }
     }
     Err(none())
 }
 
 /// Creates the report; `None` if the rig has no view of the environment.
-fn belief(
+fn report(
     setup: &RigSetup,
-    station: &mut LightEstimator,
+    light: &mut LightEstimator,
     lighting: Arc<Lighting>,
     pose: Option<RigidTransform>,
 ) -> Result<Option<LightReport>, RigError> {
-    let gains = gains(&station.match_status());
+    let gains = gains(&light.match_status());
     let rig = &setup.calibration;
-    let (Some(environment), Some(estimator)) = (&rig.environment, station.estimator()) else {
+    let (Some(environment), Some(estimator)) = (&rig.environment, light.estimator()) else {
         return Ok(None);
     };
     let scene = pose.map(|pose| (pose, &rig.scene_camera.camera));

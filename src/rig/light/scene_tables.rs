@@ -41,7 +41,7 @@ impl RealLight {
 
 /// Tables that depend on the entire scene.
 pub(crate) struct SceneLight {
-    pub near: IndirectLightUpdater,
+    pub indirect: IndirectLightUpdater,
     pub ground: GroundRadiance,
     /// Whether a material needs Phong's lobes.
     pub phong: bool,
@@ -74,7 +74,7 @@ impl SceneLight {
             None => Arc::new(RayCaster::from_phantoms(scene)),
         };
         Ok(Self {
-            near: IndirectLightUpdater::new(scene, casters),
+            indirect: IndirectLightUpdater::new(scene, casters),
             ground: GroundRadiance::new(rig, scene, rays),
             phong: scene.has_phong(),
             real,

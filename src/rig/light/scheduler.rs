@@ -17,34 +17,35 @@ use penumbra_session::LightRecord;
 
 /// Holds the active light and schedules the next estimates.
 pub(crate) struct LightScheduler {
-    way: Mode,
-    force: ActiveLight,
+    mode: Mode,
+    active: ActiveLight,
 }
 
 /// When a light estimate becomes active.
 enum Mode {
     /// Each frame waits for its own light.
-    Own(Box<LightUpdater>),
+    PerFrame(Box<LightUpdater>),
     /// Live: as soon as it is finished.
-    LightWorker(LightWorker),
+    Live(LightWorker),
     /// Replay of a live rig: at the frame at which it became active live.
-    AsNoted {
-        lighter: Box<LightUpdater>,
+    FromJournal {
+        updater: Box<LightUpdater>,
+        /// A result that is not active yet.
         held: Option<LightResult>,
     },
 }
 
 impl LightScheduler {
     /// Creates a scheduler in which each frame waits for its own light.
-    pub fn own(lighter: LightUpdater) -> Self {
-        Self::by(Mode::Own(Box::new(lighter)))
+    pub fn per_frame(updater: LightUpdater) -> Self {
+        Self::new(Mode::PerFrame(Box::new(updater)))
     }
 
     /// Creates a scheduler for a replay: light becomes active as recorded in the live rig's
-    /// journal. Without light notes each frame is composed in the light of the frame before.
-    pub fn as_noted(lighter: LightUpdater) -> Self {
-        Self::by(Mode::AsNoted {
-            lighter: Box::new(lighter),
+    /// journal. For entries without light, each frame is composed in the light of the frame before.
+    pub fn from_journal(updater: LightUpdater) -> Self {
+        Self::new(Mode::FromJournal {
+            updater: Box::new(updater),
             held: None,
         })
     }
@@ -53,75 +54,77 @@ impl LightScheduler {
     ///
     /// # Errors
     /// The system cannot start a thread.
-    pub fn beside(lighter: LightUpdater) -> Result<Self, RigError> {
-        Ok(Self::by(Mode::LightWorker(LightWorker::start(lighter)?)))
+    pub fn live(updater: LightUpdater) -> Result<Self, RigError> {
+        Ok(Self::new(Mode::Live(LightWorker::start(updater)?)))
     }
 
-    fn by(way: Mode) -> Self {
+    fn new(mode: Mode) -> Self {
         Self {
-            way,
-            force: ActiveLight::default(),
+            mode,
+            active: ActiveLight::default(),
         }
     }
 
-    /// Schedules the light estimate of a decoded picture and returns the note for the journal of a
-    /// live rig. Call [`Self::in_force`] afterwards.
-    pub fn see(
+    /// Schedules the light estimate of a decoded picture and returns the record for the journal of
+    /// a live rig. Call [`Self::active_light`] afterwards.
+    pub fn schedule(
         &mut self,
-        seen: &LightRequest,
+        request: &LightRequest,
         picture: &Picture,
-        noted: JournalEntry,
+        entry: JournalEntry,
     ) -> Option<LightRecord> {
-        match &mut self.way {
-            Mode::Own(lighter) => {
-                self.force.enter(lighter.work_out(seen, picture));
+        match &mut self.mode {
+            Mode::PerFrame(updater) => {
+                self.active.activate(updater.estimate(request, picture));
                 None
             }
-            Mode::LightWorker(beside) => Some(beside.see(&mut self.force, seen, picture)),
-            Mode::AsNoted { lighter, held } => {
-                let work_out = || lighter.work_out(seen, picture);
-                see_as_noted(&mut self.force, held, seen.arrived_at, noted, work_out);
+            Mode::Live(worker) => Some(worker.schedule(&mut self.active, request, picture)),
+            Mode::FromJournal { updater, held } => {
+                let estimate = || updater.estimate(request, picture);
+                follow_journal(&mut self.active, held, request.arrived_at, entry, estimate);
                 None
             }
         }
     }
 
-    /// Returns the light in which the frame of the last [`Self::see`] is composed. Waits for the
-    /// first estimate.
-    pub fn in_force(&mut self) -> &mut ActiveLight {
-        if let Mode::LightWorker(beside) = &mut self.way
-            && self.force.is_dark()
+    /// Returns the light in which the frame of the last [`Self::schedule`] is composed. Waits for
+    /// the first estimate.
+    pub fn active_light(&mut self) -> &mut ActiveLight {
+        if let Mode::Live(worker) = &mut self.mode
+            && self.active.is_missing()
         {
-            beside.wait(&mut self.force);
+            worker.wait(&mut self.active);
         }
-        &mut self.force
+        &mut self.active
     }
 }
 
 /// Repeats what the live rig did with the frame that arrived at `arrived_at`.
-fn see_as_noted(
-    force: &mut ActiveLight,
+fn follow_journal(
+    active: &mut ActiveLight,
     held: &mut Option<LightResult>,
     arrived_at: MonotonicTime,
-    noted: JournalEntry,
-    work_out: impl FnOnce() -> LightResult,
+    entry: JournalEntry,
+    estimate: impl FnOnce() -> LightResult,
 ) {
-    let note = match noted {
+    let record = match entry {
         JournalEntry::Skipped => return,
-        JournalEntry::Composed(note) => note,
+        JournalEntry::Composed(record) => record,
         JournalEntry::None => None,
     };
-    let due = |of: MonotonicTime| match note {
-        Some(note) => note.lit_by.is_some_and(|by| of <= by),
-        None => of < arrived_at,
+    let is_due = |light: &LightResult| match record {
+        Some(record) => record
+            .lit_by
+            .is_some_and(|by| light.picture_arrived_at <= by),
+        None => light.picture_arrived_at < arrived_at,
     };
-    if let Some(light) = held.take_if(|light| due(light.of)) {
-        force.enter(light);
+    if let Some(light) = held.take_if(|light| is_due(light)) {
+        active.activate(light);
     }
-    if note.is_none_or(|note| note.seen) {
-        let light = work_out();
-        if force.is_dark() || due(light.of) {
-            force.enter(light);
+    if record.is_none_or(|record| record.seen) {
+        let light = estimate();
+        if active.is_missing() || is_due(&light) {
+            active.activate(light);
         } else {
             *held = Some(light);
         }

@@ -25,7 +25,7 @@ pub(crate) struct LightRequest {
     /// Pose of the scene camera, if it is known.
     pub world_from_camera: Option<RigidTransform>,
     /// Position of the mirrored sphere.
-    pub ball: SphereAt,
+    pub sphere: SphereAt,
     /// The environment set paired with the picture.
     pub environment: Option<Arc<EnvironmentSet>>,
 }
@@ -39,7 +39,7 @@ impl LightRequest {
             seconds,
             exposure: frame.scene.exposure,
             world_from_camera,
-            ball: SphereAt::Calibrated,
+            sphere: SphereAt::Calibrated,
             environment: frame.environment.as_ref().map(|e| Arc::clone(&e.set)),
         }
     }
@@ -48,13 +48,13 @@ impl LightRequest {
 /// The result of a light estimate.
 pub(crate) struct LightResult {
     /// Arrival of the picture.
-    pub of: MonotonicTime,
+    pub picture_arrived_at: MonotonicTime,
     /// The light, if it has changed.
     pub state: Option<LightState>,
     /// Duration of the estimate.
     pub took: Duration,
     /// Why an environment picture could not be read.
-    pub unseen: Option<String>,
+    pub picture_error: Option<String>,
     /// A new preview of the environment, if one was due.
     pub preview: Option<Arc<Picture>>,
 }
@@ -65,7 +65,7 @@ pub struct LightState {
     /// Light of the distant environment.
     pub lighting: Option<Arc<Lighting>>,
     /// Indirect light: light that virtual objects reflect onto the scene and each other.
-    pub near: Option<Arc<IndirectLight>>,
+    pub indirect: Option<Arc<IndirectLight>>,
     /// State of the white balance between the cameras.
     pub white_balance: Option<Arc<MatchStatus>>,
     /// Compact sources found.
@@ -92,29 +92,29 @@ pub(crate) struct ActiveLight {
     /// The light.
     pub state: LightState,
     /// Arrival of the picture from which it was estimated.
-    pub of: Option<MonotonicTime>,
+    pub picture_arrived_at: Option<MonotonicTime>,
     /// Duration of the estimate.
     pub took: Duration,
     /// Why an environment picture could not be read; reported once.
-    pub unseen: Option<String>,
+    pub picture_error: Option<String>,
     /// A new preview of the environment; published once.
     pub preview: Option<Arc<Picture>>,
 }
 
 impl ActiveLight {
     /// Activates a result.
-    pub fn enter(&mut self, worked_out: LightResult) {
-        self.of = Some(worked_out.of);
-        self.took = worked_out.took;
-        if let Some(state) = worked_out.state {
+    pub fn activate(&mut self, result: LightResult) {
+        self.picture_arrived_at = Some(result.picture_arrived_at);
+        self.took = result.took;
+        if let Some(state) = result.state {
             self.state = state;
         }
-        self.unseen = worked_out.unseen.or(self.unseen.take());
-        self.preview = worked_out.preview.or(self.preview.take());
+        self.picture_error = result.picture_error.or(self.picture_error.take());
+        self.preview = result.preview.or(self.preview.take());
     }
 
-    /// Whether there is no light yet.
-    pub const fn is_dark(&self) -> bool {
+    /// Returns whether there is no light yet.
+    pub const fn is_missing(&self) -> bool {
         self.state.lighting.is_none()
     }
 }

@@ -1,4 +1,4 @@
-//! Scene changes on their way to the light worker.
+//! Passes scene changes to the light worker.
 
 use crate::light::scene_tables::SceneLight;
 use glam::Quat;
@@ -11,33 +11,34 @@ pub(crate) struct SceneUpdates(Arc<Mutex<SceneChange>>);
 #[derive(Default)]
 pub(crate) struct SceneChange {
     pub scene: Option<Box<SceneLight>>,
-    pub turn: Option<Quat>,
+    pub dome_rotation: Option<Quat>,
 }
 
 impl SceneUpdates {
-    /// Reports that another scene is shown.
-    pub fn tell_scene(&self, scene: SceneLight) {
-        self.change(|news| {
-            let scene = match news.scene.take() {
+    /// Sets the scene that is shown now.
+    pub fn set_scene(&self, scene: SceneLight) {
+        self.modify(|change| {
+            let scene = match change.scene.take() {
                 Some(older) => scene.over(*older),
                 None => scene,
             };
-            news.scene = Some(Box::new(scene));
+            change.scene = Some(Box::new(scene));
         });
     }
 
-    /// Reports that the model, and with it the dome of the planes' lights, was rotated.
-    pub fn tell_turn(&self, world_from_dome: Quat) {
-        self.change(|news| news.turn = Some(world_from_dome));
+    /// Sets the rotation of the model and, with it, of the dome of the planes' lights.
+    pub fn set_dome_rotation(&self, world_from_dome: Quat) {
+        self.modify(|change| change.dome_rotation = Some(world_from_dome));
     }
 
-    fn change(&self, change: impl FnOnce(&mut SceneChange)) {
-        change(&mut self.0.lock().unwrap_or_else(PoisonError::into_inner));
+    fn modify(&self, modify: impl FnOnce(&mut SceneChange)) {
+        modify(&mut self.0.lock().unwrap_or_else(PoisonError::into_inner));
     }
 
+    /// Takes the newest change, if there is one.
     pub fn take(&self) -> Option<SceneChange> {
-        let mut news = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        let any = news.scene.is_some() || news.turn.is_some();
-        any.then(|| std::mem::take(&mut *news))
+        let mut change = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let any = change.scene.is_some() || change.dome_rotation.is_some();
+        any.then(|| std::mem::take(&mut *change))
     }
 }

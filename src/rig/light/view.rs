@@ -23,7 +23,7 @@ pub struct SceneView<'a> {
     /// Pose of the camera, if it is known.
     pub world_from_camera: Option<RigidTransform>,
     /// Position of the mirrored sphere, if the rig has one in the picture.
-    pub ball: SphereAt,
+    pub sphere: SphereAt,
     /// Middle of its exposure.
     pub captured_at: MonotonicTime,
     /// Exposure as reported by the camera.

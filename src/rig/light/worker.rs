@@ -25,13 +25,13 @@ const PREVIEW_EVERY: Duration = Duration::from_secs(1);
 
 /// Estimates light with the settings and the scene that were requested last.
 pub(crate) struct LightUpdater {
-    light: LightEstimator,
-    wished: watch::Receiver<Settings>,
+    estimator: LightEstimator,
+    requested: watch::Receiver<Settings>,
     /// Frequency of the geodesic dome, for the technique of shadowing planes.
     frequency: u32,
     technique: Technique,
-    news: SceneUpdates,
-    turn: Quat,
+    scene_updates: SceneUpdates,
+    dome_rotation: Quat,
     generation: Option<u64>,
     previewed: Option<Instant>,
 }
@@ -40,92 +40,92 @@ impl LightUpdater {
     /// Creates an updater. `technique` is the initial technique, `frequency` that of the geodesic
     /// dome.
     pub fn new(
-        light: LightEstimator,
-        wished: watch::Receiver<Settings>,
+        estimator: LightEstimator,
+        requested: watch::Receiver<Settings>,
         technique: Technique,
         frequency: u32,
-        news: SceneUpdates,
+        scene_updates: SceneUpdates,
     ) -> Self {
-        let mut lighter = Self {
-            light,
-            wished,
+        let mut updater = Self {
+            estimator,
+            requested,
             frequency,
             technique,
-            news,
-            turn: Quat::IDENTITY,
+            scene_updates,
+            dome_rotation: Quat::IDENTITY,
             generation: None,
             previewed: None,
         };
-        lighter.choose();
-        lighter
+        updater.select_lights();
+        updater
     }
 
     /// Estimates the light of a picture. If an environment picture cannot be read, the light stays
     /// as it was.
-    pub fn work_out(&mut self, seen: &LightRequest, picture: &Picture) -> LightResult {
+    pub fn estimate(&mut self, request: &LightRequest, picture: &Picture) -> LightResult {
         let begun = Instant::now();
-        self.take_scene();
-        self.take_settings();
+        self.apply_scene_change();
+        self.apply_settings();
         let view = SceneView {
             picture,
-            world_from_camera: seen.world_from_camera,
-            ball: seen.ball,
-            captured_at: seen.captured_at,
-            exposure: seen.exposure,
+            world_from_camera: request.world_from_camera,
+            sphere: request.sphere,
+            captured_at: request.captured_at,
+            exposure: request.exposure,
         };
-        self.light.set_time(seen.seconds);
-        let result = self.light.update(seen.environment.as_deref(), &view);
-        let generation = self.light.lighting().map(|l| l.generation);
+        self.estimator.set_time(request.seconds);
+        let result = self.estimator.update(request.environment.as_deref(), &view);
+        let generation = self.estimator.lighting().map(|l| l.generation);
         let changed = generation != self.generation;
         self.generation = generation;
         LightResult {
-            of: seen.arrived_at,
-            state: changed.then(|| self.light.state()),
+            picture_arrived_at: request.arrived_at,
+            state: changed.then(|| self.estimator.state()),
             took: begun.elapsed(),
-            unseen: result.err().map(|error| error.to_string()),
+            picture_error: result.err().map(|error| error.to_string()),
             preview: self.preview(),
         }
     }
 
-    fn take_settings(&mut self) {
-        if !self.wished.has_changed().unwrap_or(false) {
+    fn apply_settings(&mut self) {
+        if !self.requested.has_changed().unwrap_or(false) {
             return;
         }
-        let settings = self.wished.borrow_and_update().clone();
-        self.light
+        let settings = self.requested.borrow_and_update().clone();
+        self.estimator
             .set_lights(settings.light_placement, settings.light_count as usize);
-        self.light.set_reflections(settings.reflections);
+        self.estimator.set_reflections(settings.reflections);
         self.technique = settings.technique;
-        self.choose();
+        self.select_lights();
     }
 
     /// Selects the lights of the technique: shadowing planes are lit by the faces of a geodesic
     /// dome that rotates with their model.
-    fn choose(&mut self) {
-        let wanted = self.technique == Technique::ShadowingPlanes;
-        self.light.set_faces(wanted.then_some(self.frequency));
-        self.light.turn_faces(self.turn);
+    fn select_lights(&mut self) {
+        let planes = self.technique == Technique::ShadowingPlanes;
+        self.estimator.set_faces(planes.then_some(self.frequency));
+        self.estimator.rotate_faces(self.dome_rotation);
     }
 
     /// Applies a changed scene or a rotation of its model.
-    fn take_scene(&mut self) {
-        let Some(change) = self.news.take() else {
+    fn apply_scene_change(&mut self) {
+        let Some(change) = self.scene_updates.take() else {
             return;
         };
         if let Some(scene) = change.scene {
-            self.light.take_scene(*scene);
+            self.estimator.set_scene(*scene);
             self.generation = None;
             // A new estimator lacks the requested settings.
-            self.wished.mark_changed();
+            self.requested.mark_changed();
         }
-        if let Some(turn) = change.turn {
-            self.turn = turn;
-            self.choose();
+        if let Some(rotation) = change.dome_rotation {
+            self.dome_rotation = rotation;
+            self.select_lights();
         }
     }
 
     fn preview(&mut self) -> Option<Arc<Picture>> {
-        let lighting: &Lighting = self.light.lighting()?;
+        let lighting: &Lighting = self.estimator.lighting()?;
         let recent = |at: Instant| at.elapsed() < PREVIEW_EVERY;
         if self.previewed.is_some_and(recent) {
             return None;
@@ -139,93 +139,103 @@ impl LightUpdater {
 
 /// A request with a copy of its picture. The worker returns it, so the buffer is recycled.
 pub(crate) struct LightJob {
-    pub(super) seen: LightRequest,
+    pub(super) request: LightRequest,
     pub(super) picture: Picture,
 }
 
 /// The thread that estimates light, with its channels. Dropping it ends the thread.
 pub(crate) struct LightWorker {
-    pub(super) errands: Option<Sender<LightJob>>,
+    pub(super) jobs: Option<Sender<LightJob>>,
     pub(super) finished: Receiver<(LightResult, LightJob)>,
     /// Whether the thread has no job.
-    pub(super) idle: bool,
-    pub(super) spare: Picture,
+    pub(super) is_idle: bool,
+    /// Recycled buffer for the next job's picture.
+    pub(super) recycled: Picture,
     pub(super) thread: Option<JoinHandle<()>>,
 }
 
 impl LightWorker {
-    pub fn start(mut lighter: LightUpdater) -> Result<Self, RigError> {
-        let (errands, waiting) = bounded::<LightJob>(1);
+    /// Starts the thread.
+    ///
+    /// # Errors
+    /// The system cannot start a thread.
+    pub fn start(mut updater: LightUpdater) -> Result<Self, RigError> {
+        let (jobs, waiting) = bounded::<LightJob>(1);
         let (done, finished) = bounded(1);
-        let job = move || {
-            for errand in waiting {
-                let light = lighter.work_out(&errand.seen, &errand.picture);
-                if done.send((light, errand)).is_err() {
+        let work = move || {
+            for job in waiting {
+                let light = updater.estimate(&job.request, &job.picture);
+                if done.send((light, job)).is_err() {
                     return;
                 }
             }
         };
-        let thread = threads::spawn_background("light", job);
+        let thread = threads::spawn_background("light", work);
         Ok(Self {
-            errands: Some(errands),
+            jobs: Some(jobs),
             finished,
-            idle: true,
-            spare: Picture::default(),
+            is_idle: true,
+            recycled: Picture::default(),
             thread: Some(thread.map_err(|source| RigError::Thread { source })?),
         })
     }
 
     /// Activates a finished estimate, and sends this picture to the thread if the thread is idle.
-    pub fn see(
+    pub fn schedule(
         &mut self,
-        force: &mut ActiveLight,
-        seen: &LightRequest,
+        active: &mut ActiveLight,
+        request: &LightRequest,
         picture: &Picture,
     ) -> LightRecord {
         if let Ok(finished) = self.finished.try_recv() {
-            self.take(force, finished);
+            self.activate(active, finished);
         }
-        let sees = self.idle && self.hand_over(seen, picture);
+        let is_used = self.is_idle && self.send(request, picture);
         // The frame loop waits for the first light.
-        let lit_by = if sees && force.is_dark() {
-            Some(seen.arrived_at)
+        let lit_by = if is_used && active.is_missing() {
+            Some(request.arrived_at)
         } else {
-            force.of
+            active.picture_arrived_at
         };
-        LightRecord { seen: sees, lit_by }
+        LightRecord {
+            seen: is_used,
+            lit_by,
+        }
     }
 
-    fn hand_over(&mut self, seen: &LightRequest, picture: &Picture) -> bool {
-        let mut copy = std::mem::take(&mut self.spare);
+    /// Sends a job to the thread; false if the thread has ended.
+    fn send(&mut self, request: &LightRequest, picture: &Picture) -> bool {
+        let mut copy = std::mem::take(&mut self.recycled);
         copy.copy_from(picture);
-        let errand = LightJob {
-            seen: seen.clone(),
+        let job = LightJob {
+            request: request.clone(),
             picture: copy,
         };
-        let errands = self.errands.as_ref();
-        let sent = errands.is_some_and(|errands| errands.send(errand).is_ok());
-        self.idle = !sent;
+        let jobs = self.jobs.as_ref();
+        let sent = jobs.is_some_and(|jobs| jobs.send(job).is_ok());
+        self.is_idle = !sent;
         sent
     }
 
-    fn take(&mut self, force: &mut ActiveLight, (light, errand): (LightResult, LightJob)) {
-        force.enter(light);
-        self.spare = errand.picture;
-        self.idle = true;
+    fn activate(&mut self, active: &mut ActiveLight, (light, job): (LightResult, LightJob)) {
+        active.activate(light);
+        self.recycled = job.picture;
+        self.is_idle = true;
     }
 
-    pub fn wait(&mut self, force: &mut ActiveLight) {
-        if !self.idle
+    /// Waits for the job in progress and activates its light.
+    pub fn wait(&mut self, active: &mut ActiveLight) {
+        if !self.is_idle
             && let Ok(finished) = self.finished.recv()
         {
-            self.take(force, finished);
+            self.activate(active, finished);
         }
     }
 }
 
 impl Drop for LightWorker {
     fn drop(&mut self) {
-        self.errands = None;
+        self.jobs = None;
         if let Some(thread) = self.thread.take() {
             let _ = thread.join();
         }

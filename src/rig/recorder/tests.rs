@@ -36,16 +36,16 @@ fn recorder(folder: &Path, reserve_bytes: u64) -> (Arc<Hub>, Arc<SharedStatus>, 
     (hub, status, recorder)
 }
 
-fn until(what: &str, holds: impl Fn() -> bool) {
-    let begun = Instant::now();
-    while !holds() {
-        assert!(begun.elapsed() < Duration::from_secs(20), "{what}");
+fn wait_until(what: &str, is_true: impl Fn() -> bool) {
+    let start = Instant::now();
+    while !is_true() {
+        assert!(start.elapsed() < Duration::from_secs(20), "{what}");
         std::thread::sleep(Duration::from_millis(10));
     }
 }
 
 #[test]
-fn what_goes_through_the_hub_is_in_the_file_and_the_file_is_never_overwritten() {
+fn records_all_events_of_the_hub_and_never_overwrites_a_file() {
     let folder = tempfile::tempdir().unwrap();
     let (hub, status, recorder) = recorder(folder.path(), 0);
     let path = folder.path().join("a.mcap");
@@ -76,7 +76,7 @@ fn what_goes_through_the_hub_is_in_the_file_and_the_file_is_never_overwritten() 
 }
 
 #[test]
-fn status_tells_of_a_recording_as_soon_as_it_has_begun() {
+fn status_shows_a_recording_as_soon_as_it_has_started() {
     let folder = tempfile::tempdir().unwrap();
     let (_hub, status, recorder) = recorder(folder.path(), 0);
     for name in ["a.mcap", "b.mcap", "c.mcap"] {
@@ -91,17 +91,17 @@ fn status_tells_of_a_recording_as_soon_as_it_has_begun() {
 }
 
 #[test]
-fn a_recording_grows_on_the_disk_while_it_is_made() {
+fn running_recording_is_readable_on_disk() {
     let folder = tempfile::tempdir().unwrap();
     let (hub, status, recorder) = recorder(folder.path(), 0);
     let path = folder.path().join("a.mcap");
     recorder.start(&path, None).unwrap();
     hub.deliver(frame(1));
-    // Nothing is finished, and still it can be read: so it would be after a kill.
-    until("the first frame is on the disk", || {
+    // The unfinished file can be read, as it could after the recorder was killed.
+    wait_until("the first frame is on the disk", || {
         Session::open(&path).is_ok_and(|s| s.events().count() == 1)
     });
-    until("status tells the size", || {
+    wait_until("status shows the size", || {
         status.snapshot().recording.bytes > 1000
     });
     let recording = status.snapshot().recording;
@@ -110,13 +110,13 @@ fn a_recording_grows_on_the_disk_while_it_is_made() {
 }
 
 #[test]
-fn the_reserve_ends_a_recording_in_order() {
+fn low_disk_space_ends_a_recording_with_a_complete_file() {
     let folder = tempfile::tempdir().unwrap();
     let (hub, status, recorder) = recorder(folder.path(), u64::MAX);
     let path = folder.path().join("a.mcap");
     recorder.start(&path, None).unwrap();
     hub.deliver(frame(1));
-    until("it ends", || !recorder.is_recording());
+    wait_until("the recording ends", || !recorder.is_recording());
     let recording = status.snapshot().recording;
     assert_eq!(recording.state, RecordingState::Failed);
     assert!(
@@ -131,18 +131,18 @@ fn the_reserve_ends_a_recording_in_order() {
 
 #[cfg(target_os = "linux")]
 #[test]
-fn a_full_disk_ends_the_recording_with_a_clear_state() {
+fn full_disk_ends_the_recording_as_failed() {
     let (hub, status, recorder) = recorder(Path::new("/nowhere"), 0);
     let writer = SessionWriter::new(
         BufWriter::new(File::options().write(true).open("/dev/full").unwrap()),
         Path::new("/dev/full"),
     );
-    // The very first bytes do not fit into the buffer's place on the disk at a flush.
-    let (events, waiting) = bounded(10);
+    // The first flush of the buffer fails.
+    let (events, queue) = bounded(10);
     let job = Job {
         writer: writer.unwrap(),
-        waiting,
-        waiting_bytes: Arc::default(),
+        queue,
+        queued_bytes: Arc::default(),
         dropped: Arc::default(),
         hub: hub.clone(),
         files: Arc::default(),
@@ -150,56 +150,60 @@ fn a_full_disk_ends_the_recording_with_a_clear_state() {
         stop: Arc::default(),
         path: PathBuf::from("/dev/full"),
         reserve_bytes: 0,
-        longest: None,
-        began: SystemClock.now(),
+        max_duration: None,
+        started: SystemClock.now(),
         flushed: SystemClock.now(),
         recording: Recording::default(),
     };
     hub.set_recorder(Some(RecorderQueue::new(
         events,
-        job.waiting_bytes.clone(),
+        job.queued_bytes.clone(),
         Arc::default(),
     )));
     hub.deliver(frame(1));
     let recording = job.run();
     assert_eq!(recording.state, RecordingState::Failed);
-    let sentence = recording.description;
+    let description = recording.description;
     assert!(
-        sentence.contains("No space left") && sentence.contains("free space"),
-        "{sentence}"
+        description.contains("No space left") && description.contains("free space"),
+        "{description}"
     );
-    // The hub has let go of it.
+    // The hub no longer sends to the recorder.
     hub.deliver(frame(2));
     drop(recorder);
 }
 
 #[test]
-fn a_length_ends_it_and_the_dashboard_chooses_names_within_the_folder() {
+fn requests_set_duration_and_file_name_of_a_recording() {
     let folder = tempfile::tempdir().unwrap();
     let (hub, status, recorder) = recorder(folder.path(), 0);
-    let wish = |json: &str| RecordingRequest::from_json(json.as_bytes()).unwrap();
-    let begun = recorder
-        .carry_out(&wish(r#"{"record": true, "seconds": 1}"#))
+    let request = |json: &str| RecordingRequest::from_json(json.as_bytes()).unwrap();
+    let started = recorder
+        .carry_out(&request(r#"{"record": true, "seconds": 1}"#))
         .unwrap();
-    let file = PathBuf::from(begun.file.unwrap());
+    let file = PathBuf::from(started.file.unwrap());
     assert_eq!(file.parent().unwrap(), folder.path().join("recordings"));
     hub.deliver(frame(1));
     let busy = recorder
-        .carry_out(&wish(r#"{"record": true}"#))
+        .carry_out(&request(r#"{"record": true}"#))
         .unwrap_err();
     assert!(matches!(busy, RecordingRefusal::Busy { .. }), "{busy}");
-    until("it ends by itself", || !recorder.is_recording());
+    wait_until("the recording ends at its duration", || {
+        !recorder.is_recording()
+    });
     assert_eq!(status.snapshot().recording.state, RecordingState::Finished);
-    let named = wish(r#"{"record": true, "file": "b.mcap"}"#);
+    let named = request(r#"{"record": true, "file": "b.mcap"}"#);
     recorder.carry_out(&named).unwrap();
-    let ended = recorder.carry_out(&wish(r#"{"record": false}"#)).unwrap();
+    let ended = recorder
+        .carry_out(&request(r#"{"record": false}"#))
+        .unwrap();
     assert_eq!(ended.state, RecordingState::Finished);
     let again = recorder.carry_out(&named).unwrap_err();
     assert!(again.to_string().contains("b.mcap"), "{again}");
 }
 
 #[test]
-fn dates_are_those_of_the_calendar() {
+fn converts_day_numbers_to_calendar_dates() {
     for (day, date) in [
         (0, (1970, 1, 1)),
         (59, (1970, 3, 1)),
@@ -214,7 +218,7 @@ fn dates_are_those_of_the_calendar() {
 }
 
 #[test]
-fn time_left_is_by_the_disk_or_by_the_length() {
+fn seconds_left_is_limited_by_free_space_and_duration() {
     let recording = Recording {
         bytes: 1000,
         seconds: 10.0,
@@ -222,7 +226,7 @@ fn time_left_is_by_the_disk_or_by_the_length() {
         ..Recording::default()
     };
     assert_eq!(seconds_left(&recording, 1000, None), Some(40.0));
-    let longest = Some(Duration::from_secs(15));
-    assert_eq!(seconds_left(&recording, 1000, longest), Some(5.0));
+    let max_duration = Some(Duration::from_secs(15));
+    assert_eq!(seconds_left(&recording, 1000, max_duration), Some(5.0));
     assert_eq!(seconds_left(&recording, 9000, None), Some(0.0));
 }

@@ -7,16 +7,17 @@ use penumbra_status::RegistrationSource;
 
 mod rolling;
 
-const CARRIER: u32 = 7;
+/// Number of the marker that carries the sphere.
+const SPHERE_MARKER: u32 = 7;
 const SIZE: f64 = 0.06;
-const UNTRACKED: ByTracker = ByTracker {
+const UNTRACKED: TrackerEstimate = TrackerEstimate {
     pose: None,
     motion: None,
 };
-/// Of the ball in the frame of the marker that carries it.
-const BESIDE: DVec3 = DVec3::new(0.08, 0.0, -0.035);
+/// Centre of the sphere, in the frame of the marker that carries it or in the map, metres.
+const SPHERE_CENTRE: DVec3 = DVec3::new(0.08, 0.0, -0.035);
 
-/// Half a metre before the map, from aside.
+/// Oblique view of the map from half a metre.
 fn camera_from_map() -> RigidTransform {
     RigidTransform::new(
         DQuat::from_euler(glam::EulerRot::XYZ, 0.35, -0.2, 0.1),
@@ -24,22 +25,29 @@ fn camera_from_map() -> RigidTransform {
     )
 }
 
-fn station(map: Option<TagMap>, ball: Option<DVec3>, carried: bool) -> TagRegistration {
+fn registration(
+    map: Option<TagMap>,
+    fixed_sphere: Option<DVec3>,
+    has_marked_sphere: bool,
+) -> TagRegistration {
     let marker = SphereMarker {
         family: Family::Tag36h11,
-        id: CARRIER,
+        id: SPHERE_MARKER,
         size: SIZE,
-        centre_in_marker: BESIDE,
+        centre_in_marker: SPHERE_CENTRE,
     };
     TagRegistration {
         detector: Detector::new(&[Family::Tag36h11], &Response::srgb()),
         camera: synthetic::camera(),
         row_seconds: 0.0,
         registrar: map.map(Registrar::new),
-        fusion: None,
+        hybrid: None,
         rejected: 0,
-        probe: carried.then_some(Probe { marker, last: None }),
-        ball,
+        marked_sphere: has_marked_sphere.then_some(MarkedSphere {
+            marker,
+            last_pose: None,
+        }),
+        fixed_sphere,
     }
 }
 
@@ -58,78 +66,83 @@ fn at(k: i64) -> MonotonicTime {
 }
 
 #[test]
-fn a_ball_beside_a_marker_is_told_with_the_poses_uncertainty_and_not_without_it() {
+fn fixed_sphere_has_uncertainty_of_pose_and_needs_a_pose() {
     let tags = [synthetic::tag(3, SIZE, DVec3::ZERO)];
     let map = TagMap::new(tags.to_vec()).unwrap();
-    let mut station = station(Some(map), Some(BESIDE), false);
-    let told = station.register(&picture(&tags), UNTRACKED, at(0));
-    let ball = told.ball.unwrap();
-    assert_eq!(ball.centre_in_world, BESIDE);
-    assert!((0.01..2.0).contains(&ball.sigma), "{}", ball.sigma);
+    let mut registration = registration(Some(map), Some(SPHERE_CENTRE), false);
+    let result = registration.register(&picture(&tags), UNTRACKED, at(0));
+    let sphere = result.sphere.unwrap();
+    assert_eq!(sphere.centre_in_world, SPHERE_CENTRE);
+    assert!((0.01..2.0).contains(&sphere.sigma), "{}", sphere.sigma);
     let camera = synthetic::camera();
-    let place = |world_from_camera: RigidTransform| {
-        let centre = world_from_camera.inverse().transform_point(BESIDE);
+    let pixel = |world_from_camera: RigidTransform| {
+        let centre = world_from_camera.inverse().transform_point(SPHERE_CENTRE);
         camera.project(centre).unwrap()
     };
-    let off = place(told.world_from_camera.unwrap()).distance(place(camera_from_map().inverse()));
+    let error =
+        pixel(result.world_from_camera.unwrap()).distance(pixel(camera_from_map().inverse()));
     assert!(
-        off < 4.0 * ball.sigma + 0.3,
-        "{off} px, said {}",
-        ball.sigma
+        error < 4.0 * sphere.sigma + 0.3,
+        "error {error} px, estimated {}",
+        sphere.sigma
     );
-    assert_eq!(told.status.source, RegistrationSource::Markers);
-    // Hidden: no pose, so no light is taken from this picture, and the ball is not lost for good.
-    let hidden = station.register(&picture(&[]), UNTRACKED, at(1));
-    assert!(hidden.world_from_camera.is_none() && hidden.ball.is_none() && !hidden.ball_lost);
+    assert_eq!(result.status.source, RegistrationSource::Markers);
+    // Hidden markers: no pose and no light from this picture, but the sphere's position stays
+    // known.
+    let hidden = registration.register(&picture(&[]), UNTRACKED, at(1));
+    assert!(hidden.world_from_camera.is_none());
+    assert!(hidden.sphere.is_none() && !hidden.is_sphere_lost);
     assert_eq!(hidden.status.source, RegistrationSource::None);
-    let back = station.register(&picture(&tags), UNTRACKED, at(2));
-    assert!(back.ball.is_some());
+    let back = registration.register(&picture(&tags), UNTRACKED, at(2));
+    assert!(back.sphere.is_some());
 }
 
 #[test]
-fn a_carried_ball_goes_where_its_marker_goes_and_is_lost_with_it() {
-    let mut station = station(None, None, true);
-    let tracked = ByTracker {
+fn marked_sphere_follows_its_marker_and_is_lost_with_it() {
+    let mut registration = registration(None, None, true);
+    let tracked = TrackerEstimate {
         pose: Some(TrackerPose {
             world_from_camera: camera_from_map().inverse(),
             noise: [0.0; 2],
         }),
         motion: None,
     };
-    for (k, place) in [DVec3::ZERO, DVec3::new(-0.06, 0.05, 0.0)]
+    for (k, marker_at) in [DVec3::ZERO, DVec3::new(-0.06, 0.05, 0.0)]
         .into_iter()
         .enumerate()
     {
-        let seen = picture(&[synthetic::tag(CARRIER, SIZE, place)]);
-        let told = station.register(&seen, tracked, at(k as i64));
-        let off = told.ball.unwrap().centre_in_world.distance(place + BESIDE);
-        // A degree of the marker's tilt is 1.5 mm at the ball.
-        assert!(off < 0.006, "{off} m");
-        assert!(!told.ball_lost && told.status.source == RegistrationSource::Tracker);
+        let seen = picture(&[synthetic::tag(SPHERE_MARKER, SIZE, marker_at)]);
+        let result = registration.register(&seen, tracked, at(k as i64));
+        let sphere = result.sphere.unwrap();
+        let error = sphere.centre_in_world.distance(marker_at + SPHERE_CENTRE);
+        // A degree of the marker's tilt displaces the sphere by 1.5 mm.
+        assert!(error < 0.006, "{error} m");
+        assert!(!result.is_sphere_lost && result.status.source == RegistrationSource::Tracker);
     }
-    let hidden = station.register(&picture(&[]), tracked, at(2));
-    assert!(hidden.ball_lost && hidden.ball.is_none());
+    let hidden = registration.register(&picture(&[]), tracked, at(2));
+    assert!(hidden.is_sphere_lost && hidden.sphere.is_none());
     assert_eq!(
         hidden.world_from_camera,
         tracked.pose.map(|t| t.world_from_camera)
     );
-    // Of two with its number neither is believed.
+    // Two markers with the sphere's number are ambiguous.
     let twice = [
-        synthetic::tag(CARRIER, SIZE, DVec3::new(-0.08, 0.0, 0.0)),
-        synthetic::tag(CARRIER, SIZE, DVec3::new(0.08, 0.0, 0.0)),
+        synthetic::tag(SPHERE_MARKER, SIZE, DVec3::new(-0.08, 0.0, 0.0)),
+        synthetic::tag(SPHERE_MARKER, SIZE, DVec3::new(0.08, 0.0, 0.0)),
     ];
-    assert!(station.register(&picture(&twice), tracked, at(3)).ball_lost);
-    let back = station.register(
-        &picture(&[synthetic::tag(CARRIER, SIZE, DVec3::ZERO)]),
+    let ambiguous = registration.register(&picture(&twice), tracked, at(3));
+    assert!(ambiguous.is_sphere_lost);
+    let back = registration.register(
+        &picture(&[synthetic::tag(SPHERE_MARKER, SIZE, DVec3::ZERO)]),
         tracked,
         at(4),
     );
-    assert!(!back.ball_lost);
-    // Without the camera's pose the marker tells nothing of the world.
-    let adrift = station.register(
-        &picture(&[synthetic::tag(CARRIER, SIZE, DVec3::ZERO)]),
+    assert!(!back.is_sphere_lost);
+    // Without the camera's pose, the sphere's position in the world is unknown.
+    let without_pose = registration.register(
+        &picture(&[synthetic::tag(SPHERE_MARKER, SIZE, DVec3::ZERO)]),
         UNTRACKED,
         at(5),
     );
-    assert!(adrift.ball.is_none() && adrift.ball_lost);
+    assert!(without_pose.sphere.is_none() && without_pose.is_sphere_lost);
 }

@@ -27,7 +27,7 @@ pub enum ImportError {
         path: PathBuf,
     },
     /// The folder has neither of the known layouts.
-    #[error("{path}: neither scene_timestamps.csv (a rig's recording) nor rgb.txt (TUM RGB-D) is in it", path = path.display())]
+    #[error("{path}: contains neither scene_timestamps.csv (a rig's recording) nor rgb.txt (TUM RGB-D)", path = path.display())]
     UnknownLayout {
         /// The folder.
         path: PathBuf,

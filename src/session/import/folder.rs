@@ -68,7 +68,7 @@ impl Folder {
         Ok(self.plain(name)?.is_file())
     }
 
-    /// Where a file is, if its name does not lead out of the folder.
+    /// Returns the path of a file whose name does not lead out of the folder.
     fn plain(&self, name: &Path) -> Result<PathBuf, ImportError> {
         let path = self.path(name);
         let plain = |part: Component| matches!(part, Component::Normal(_) | Component::CurDir);
@@ -79,7 +79,7 @@ impl Folder {
         }
     }
 
-    /// Where a file is, if neither its name nor a link leads out of the folder.
+    /// Returns the path of a file if neither its name nor a link leads out of the folder.
     fn inside(&self, name: &Path) -> Result<PathBuf, ImportError> {
         let path = self.plain(name)?;
         let outside = || ImportError::Outside { path: path.clone() };
@@ -137,8 +137,8 @@ impl Folder {
         }
     }
 
-    /// Reads the given `columns` of a table with a heading, row by row, with the line number of each
-    /// row.
+    /// Reads the given `columns` of a table with a heading, row by row, with the line number of
+    /// each row.
     pub fn table<const N: usize>(
         &self,
         name: &str,

@@ -1,8 +1,8 @@
 //! Initial poses of the resection: positions about the points, and orientations from two
 //! observations.
 
+use super::super::light_matching::determined_rotation;
 use super::super::rays::RandomIndices;
-use super::super::wahba::wahba;
 use super::model::{Observation, Target, Unknowns, deviation, direction, position};
 use glam::{DQuat, DVec3};
 use penumbra_interface::RigidTransform;
@@ -84,12 +84,12 @@ fn lattice(seen: &[Observation], near: Option<RigidTransform>) -> Vec<DVec3> {
 fn sampled_rotations(seen: &[Observation], at: DVec3, pairs: usize) -> Vec<DQuat> {
     let both = |s: &Observation| (s.bearing, direction(s.target, at), s.sigma.powi(-2));
     let all: Vec<_> = seen.iter().map(both).collect();
-    let mut rotations: Vec<DQuat> = wahba(&all).into_iter().collect();
+    let mut rotations: Vec<DQuat> = determined_rotation(&all).into_iter().collect();
     let mut random = RandomIndices::new();
     for _ in 0..pairs {
         let (i, j) = (random.below(all.len()), random.below(all.len()));
         if i != j && all[i].0.angle_between(all[j].0) > 0.05 {
-            rotations.extend(wahba(&[all[i], all[j]]));
+            rotations.extend(determined_rotation(&[all[i], all[j]]));
         }
     }
     rotations

@@ -24,7 +24,7 @@ fn still(rotation: DQuat) -> RigidTransform {
 
 /// A rig with a clock offset and a motion of its own.
 struct Rig<O: Fn(f64) -> f64, H: Fn(f64) -> DQuat> {
-    follower: OffsetMonitor,
+    monitor: OffsetMonitor,
     offset: O,
     hand: H,
     random: Random,
@@ -33,7 +33,7 @@ struct Rig<O: Fn(f64) -> f64, H: Fn(f64) -> DQuat> {
 impl<O: Fn(f64) -> f64, H: Fn(f64) -> DQuat> Rig<O, H> {
     fn new(offset: O, hand: H) -> Self {
         Self {
-            follower: OffsetMonitor::default(),
+            monitor: OffsetMonitor::default(),
             offset,
             hand,
             random: Random::new(7),
@@ -43,24 +43,24 @@ impl<O: Fn(f64) -> f64, H: Fn(f64) -> DQuat> Rig<O, H> {
     /// Runs the rig and returns the state after each estimate, with its time.
     fn run(&mut self, from: f64, to: f64) -> Vec<(f64, OffsetState)> {
         let mount = DQuat::from_euler(glam::EulerRot::XYZ, 1.2, -0.4, 2.0);
-        let mut known = Vec::new();
+        let mut states = Vec::new();
         for i in (from * 60.0) as i32..(to * 60.0) as i32 {
             let t = f64::from(i) / 60.0;
             let noise = DQuat::from_scaled_axis(self.random.normal3() * 0.002);
             let reading = noise * (self.hand)(t);
-            self.follower
+            self.monitor
                 .add_reading(stamp(t + (self.offset)(t)), still(reading));
             if i % 4 != 0 {
                 continue;
             }
             let noise = DQuat::from_scaled_axis(self.random.normal3() * 0.002);
             let pose = (self.hand)(t + 0.003) * mount * noise;
-            self.follower.add_pose(stamp(t + 0.003), pose);
-            if self.follower.is_due() {
-                known.push((t, self.follower.estimate()));
+            self.monitor.add_pose(stamp(t + 0.003), pose);
+            if self.monitor.is_due() {
+                states.push((t, self.monitor.estimate()));
             }
         }
-        known
+        states
     }
 }
 
@@ -68,10 +68,10 @@ impl<O: Fn(f64) -> f64, H: Fn(f64) -> DQuat> Rig<O, H> {
 fn tracks_drift_of_a_millisecond_per_minute() {
     let offset = |t: f64| 0.012 + 1e-3 * t / 60.0;
     let mut rig = Rig::new(offset, hand);
-    let known = rig.run(0.0, 180.0);
-    assert!(known.len() > 30, "{}", known.len());
-    for (t, followed) in &known[3..] {
-        let found = followed.offset.unwrap();
+    let states = rig.run(0.0, 180.0);
+    assert!(states.len() > 30, "{}", states.len());
+    for (t, state) in &states[3..] {
+        let found = state.offset.unwrap();
         let error = found.seconds - offset(*t);
         assert!(
             error.abs() < 1e-3 && error.abs() < 3.0 * found.sigma,
@@ -89,8 +89,8 @@ fn uncertainty_grows_at_rest() {
     let still = |t: f64| hand(t.min(30.0));
     let mut rig = Rig::new(|_| 0.02, still);
     rig.run(0.0, 30.0);
-    let known = rig.run(30.0, 330.0);
-    let (first, last) = (known[5].1, known[known.len() - 1].1);
+    let states = rig.run(30.0, 330.0);
+    let (first, last) = (states[5].1, states[states.len() - 1].1);
     assert_eq!(last.refusal, Some(LatencyError::AtRest));
     let [first, last] = [first, last].map(|f| f.offset.unwrap());
     assert!((last.seconds - 0.02).abs() < 1e-3, "{last:?}");
@@ -103,16 +103,16 @@ fn uncertainty_grows_at_rest() {
 
 #[test]
 fn refuses_periodic_motion() {
-    let again = |t: f64| {
+    let periodic = |t: f64| {
         let swing = DVec3::new(1.0, 0.4, 0.2) * 0.25 * (t * std::f64::consts::TAU / 0.22).sin();
         DQuat::from_scaled_axis(swing)
     };
-    let mut rig = Rig::new(|_| 0.02, again);
-    let known = rig.run(0.0, 25.0);
-    for (_, followed) in &known {
-        assert_eq!(followed.offset, None);
+    let mut rig = Rig::new(|_| 0.02, periodic);
+    let states = rig.run(0.0, 25.0);
+    for (_, state) in &states {
+        assert_eq!(state.offset, None);
     }
-    let (_, last) = known[known.len() - 1];
+    let (_, last) = states[states.len() - 1];
     assert!(
         matches!(last.refusal, Some(LatencyError::Ambiguous { .. })),
         "{last:?}"
@@ -164,10 +164,10 @@ fn overlapping_windows_are_weighted_by_their_new_share() {
 
 #[test]
 fn ignores_decreasing_time_stamps_and_invalid_readings() {
-    let mut follower = OffsetMonitor::default();
-    follower.add_reading(stamp(1.0), still(DQuat::IDENTITY));
-    follower.add_reading(stamp(0.5), still(DQuat::IDENTITY));
-    follower.add_reading(stamp(2.0), still(DQuat::from_xyzw(f64::NAN, 0.0, 0.0, 1.0)));
-    assert_eq!(follower.readings.len(), 1);
-    assert_eq!(follower.estimate(), OffsetState::default());
+    let mut monitor = OffsetMonitor::default();
+    monitor.add_reading(stamp(1.0), still(DQuat::IDENTITY));
+    monitor.add_reading(stamp(0.5), still(DQuat::IDENTITY));
+    monitor.add_reading(stamp(2.0), still(DQuat::from_xyzw(f64::NAN, 0.0, 0.0, 1.0)));
+    assert_eq!(monitor.readings.len(), 1);
+    assert_eq!(monitor.estimate(), OffsetState::default());
 }

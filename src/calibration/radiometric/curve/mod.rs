@@ -20,10 +20,13 @@ use penumbra_numerics::median;
 use solve::Problem;
 use thiserror::Error;
 
-/// Standard deviations of the change of p from knot to knot among which the evidence chooses.
+/// Standard deviations of the change of p from knot to knot; the evidence selects one.
 const SMOOTHNESS: [f64; 6] = [0.02, 0.05, 0.1, 0.2, 0.4, 0.8];
 /// Minimum number of samples.
 const MIN_SAMPLES: usize = 60;
+/// Maximum RMS of the residuals, relative.
+const MAX_RMS: f64 = 0.12;
+
 /// Why no tone curve was found.
 #[derive(Clone, Copy, Debug, Error, PartialEq)]
 pub enum NoCurve {
@@ -44,7 +47,7 @@ pub enum NoCurve {
         "the pictures hardly change with the stated exposures; switch automatic exposure off, or \
          correct the exposures"
     )]
-    Alike,
+    Unchanged,
     /// Longer exposures are darker.
     #[error("longer exposures give darker pictures; list the exposures in the pictures' order")]
     Reversed,
@@ -58,9 +61,6 @@ pub enum NoCurve {
         percent: f64,
     },
 }
-
-/// Maximum RMS of the residuals, relative.
-const MAX_RMS: f64 = 0.12;
 
 /// Fits the curve; `exposure_sigma` is the relative standard deviation of the exposures.
 ///
@@ -101,7 +101,7 @@ fn check_order(samples: &[Sample]) -> Result<(), NoCurve> {
         return Err(NoCurve::Reversed);
     }
     if median_ratio < 0.02 {
-        return Err(NoCurve::Alike);
+        return Err(NoCurve::Unchanged);
     }
     Ok(())
 }

@@ -17,7 +17,7 @@ pub struct Curve {
     /// for code 0. A common factor is part of the exposure.
     pub relative_sigma: Vec<f64>,
     /// Minimum and maximum code of the samples.
-    pub seen: (f64, f64),
+    pub code_range: (f64, f64),
     /// Number of samples without outliers.
     pub used: usize,
     /// Root mean square of the residuals, logarithms of light.
@@ -30,10 +30,10 @@ impl Curve {
     /// Returns the difference of another curve from this one: root mean square over the codes of the
     /// samples, relative, and the maximum in units of this curve's standard error.
     #[must_use]
-    pub fn apart(&self, other: &Response) -> (f64, f64) {
+    pub fn difference(&self, other: &Response) -> (f64, f64) {
         let (low, high) = (
-            self.seen.0.max(8.0) as usize,
-            (self.seen.1 as usize).min(254),
+            self.code_range.0.max(8.0) as usize,
+            (self.code_range.1 as usize).min(254),
         );
         let (own, other) = (self.response.linear_from_code(), other.linear_from_code());
         let (mut n, mut sum, mut worst) = (0.0, 0.0, 0.0f64);

@@ -15,7 +15,7 @@ const PRIOR_MEAN: f64 = 1.9;
 const PRIOR_SIGMA: f64 = 1.0;
 /// Relative error of two readings of a point by compression, stray light and uneven surfaces.
 const FLOOR: f64 = 0.01;
-/// Number of samples that are worth one independent sample, as neighbours' errors are correlated.
+/// Number of samples that count as one independent sample, as neighbours' errors are correlated.
 const CORRELATED_SAMPLES: f64 = 12.0;
 /// Weight of the constraints on the exposures' errors.
 const CONSTRAINT: f64 = 1e8;
@@ -68,6 +68,7 @@ pub(super) struct Problem<'a> {
     rows: Vec<Vec<f64>>,
 }
 
+/// A solution for one smoothness.
 pub(super) struct Solved {
     x: Vec<f64>,
     covariance: Matrix,
@@ -98,7 +99,8 @@ impl<'a> Problem<'a> {
         self.exposures[s.pair.0] - self.exposures[s.pair.1]
     }
 
-    /// Returns the prior as normal equations.
+    /// Returns the prior as normal equations; `tau` is the standard deviation of the change of p from
+    /// knot to knot.
     fn prior(&self, tau: f64) -> (Matrix, Vec<f64>) {
         let n = KNOTS.len() + self.exposures.len();
         let (mut a, mut b) = (Matrix::zeros(n, n), vec![0.0; n]);
@@ -205,13 +207,13 @@ impl<'a> Problem<'a> {
         from_mean[..KNOTS.len()]
             .iter_mut()
             .for_each(|p| *p -= PRIOR_MEAN);
-        let pull = prior.times_vector(&from_mean);
-        let pull: f64 = pull.iter().zip(&from_mean).map(|(a, b)| a * b).sum();
+        let product = prior.times_vector(&from_mean);
+        let prior_misfit: f64 = product.iter().zip(&from_mean).map(|(a, b)| a * b).sum();
         Some(
             0.5 * (prior.cholesky()?.log_determinant()
                 - a.cholesky()?.log_determinant()
                 - misfit
-                - pull),
+                - prior_misfit),
         )
     }
 
@@ -233,18 +235,18 @@ impl<'a> Problem<'a> {
         let anchor = rows[ANCHOR];
         let common = (self.exposure_variance.sqrt() / self.exposure_spread().1).min(1.0);
         let sigma = |row: &[f64; KNOTS.len()]| {
-            let mut whole: Vec<f64> = row.iter().zip(anchor).map(|(r, a)| r - a).collect();
-            whole.resize(solved.x.len(), 0.0);
-            let along = solved.covariance.times_vector(&whole);
-            let variance: f64 = along.iter().zip(&whole).map(|(a, b)| a * b).sum();
+            let mut difference: Vec<f64> = row.iter().zip(anchor).map(|(r, a)| r - a).collect();
+            difference.resize(solved.x.len(), 0.0);
+            let projected = solved.covariance.times_vector(&difference);
+            let variance: f64 = projected.iter().zip(&difference).map(|(a, b)| a * b).sum();
             (variance.max(0.0) + (common * (g(row) - g(&anchor))).powi(2)).sqrt()
         };
         let mut relative_sigma: Vec<f64> = rows.iter().map(sigma).collect();
         relative_sigma[0] = f64::INFINITY;
-        self.described(solved, table, relative_sigma)
+        self.describe(solved, table, relative_sigma)
     }
 
-    fn described(&self, solved: &Solved, table: [f32; 256], relative_sigma: Vec<f64>) -> Curve {
+    fn describe(&self, solved: &Solved, table: [f32; 256], relative_sigma: Vec<f64>) -> Curve {
         let kept = || (0..self.samples.len()).filter(|i| solved.weights[*i] > 0.0);
         let codes = |f: fn(f64, f64) -> f64, start: f64| {
             kept().fold(start, |a, i| {
@@ -258,7 +260,7 @@ impl<'a> Problem<'a> {
             // The table increases by construction, so that sRGB never replaces it.
             response: Response::from_table(&table).unwrap_or_else(|_| Response::srgb()),
             relative_sigma,
-            seen: (codes(f64::min, 255.0), codes(f64::max, 0.0)),
+            code_range: (codes(f64::min, 255.0), codes(f64::max, 0.0)),
             used,
             rms: (kept().map(|i| residual(i).powi(2)).sum::<f64>() / used.max(1) as f64).sqrt(),
             residuals: kept()

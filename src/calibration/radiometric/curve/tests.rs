@@ -45,7 +45,7 @@ fn gathered(response: &Response, stops: &[f64], stated: &[f64], noise: f64) -> S
     gatherer
 }
 
-fn worst(curve: &Curve, ground_truth: &Response) -> f64 {
+fn max_error(curve: &Curve, ground_truth: &Response) -> f64 {
     let ratio = |z: usize| {
         let ratio = curve.response.linear_from_code()[z] / ground_truth.linear_from_code()[z];
         f64::from(ratio).ln()
@@ -56,7 +56,7 @@ fn worst(curve: &Curve, ground_truth: &Response) -> f64 {
         .fold(0.0, f64::max)
 }
 
-fn shouldered() -> Response {
+fn film_like() -> Response {
     // A film-like curve: contrast in the middle, a soft shoulder.
     let curve = |z: f64| z.powf(2.0) * (0.55 + 0.45 * z.powi(6));
     let table: Vec<f32> = (0..256)
@@ -72,12 +72,12 @@ fn recovers_known_curves_within_their_error() {
         Response::srgb(),
         Response::gamma(2.2),
         Response::linear(),
-        shouldered(),
+        film_like(),
     ] {
         let curve = fit(&gathered(&ground_truth, &stops, &stops, 0.001), 0.01).unwrap();
-        let error = worst(&curve, &ground_truth);
+        let error = max_error(&curve, &ground_truth);
         assert!(error < 0.04, "{error} {}", curve.rms);
-        let (apart, sigmas) = curve.apart(&ground_truth);
+        let (apart, sigmas) = curve.difference(&ground_truth);
         assert!(apart < 0.02 && sigmas < 4.0, "{apart} {sigmas}");
     }
 }
@@ -87,7 +87,7 @@ fn brackets_four_stops_apart_suffice() {
     let stops = [0.0, -4.0, -8.0];
     for ground_truth in [Response::srgb(), Response::gamma(2.2)] {
         let curve = fit(&gathered(&ground_truth, &stops, &stops, 0.001), 0.01).unwrap();
-        let (apart, sigmas) = curve.apart(&ground_truth);
+        let (apart, sigmas) = curve.difference(&ground_truth);
         assert!(apart < 0.05 && sigmas < 4.0, "{apart} {sigmas}");
         // They distinguish sRGB from a gamma.
         let other = if ground_truth == Response::srgb() {
@@ -95,7 +95,7 @@ fn brackets_four_stops_apart_suffice() {
         } else {
             Response::gamma(1.6)
         };
-        assert!(curve.apart(&other).1 > 5.0);
+        assert!(curve.difference(&other).1 > 5.0);
     }
 }
 
@@ -104,7 +104,7 @@ fn corrects_approximate_exposures_within_their_uncertainty() {
     let (stops, stated) = ([0.0, -1.0, -2.0, -3.0], [0.0, -1.1, -2.0, -2.9]);
     let ground_truth = Response::srgb();
     let curve = fit(&gathered(&ground_truth, &stops, &stated, 0.001), 0.08).unwrap();
-    let (apart, sigmas) = curve.apart(&ground_truth);
+    let (apart, sigmas) = curve.difference(&ground_truth);
     assert!(apart < 0.08 && sigmas < 3.0, "{apart} {sigmas}");
     assert!(curve.largest_sigma() > 0.01);
 }
@@ -118,7 +118,10 @@ fn refuses_invalid_series() {
             .unwrap_err()
     };
     assert_eq!(error(&[0.0, 0.0], &[0.0, 0.0]), NoCurve::OneExposure);
-    assert_eq!(error(&[0.0, 0.0, 0.0], &[0.0, -2.0, -4.0]), NoCurve::Alike);
+    assert_eq!(
+        error(&[0.0, 0.0, 0.0], &[0.0, -2.0, -4.0]),
+        NoCurve::Unchanged
+    );
     assert_eq!(
         error(&[-2.0, -1.0, 0.0], &[0.0, -1.0, -2.0]),
         NoCurve::Reversed

@@ -11,11 +11,11 @@ use glam::DVec3;
 use penumbra_rig_model::Grade;
 
 /// Maximum relative standard deviation of good gains.
-const GOOD_GAIN: f64 = 0.01;
+const MAX_GOOD_SIGMA: f64 = 0.01;
 /// Maximum relative standard deviation of usable gains.
-const USABLE_GAIN: f64 = 0.05;
-/// Maximum relative difference of two methods that is consistent whatever their errors.
-const CONSISTENT: f64 = 0.03;
+const MAX_USABLE_SIGMA: f64 = 0.05;
+/// Maximum relative difference of two methods that is consistent regardless of their errors.
+const MAX_DIFFERENCE: f64 = 0.03;
 
 /// Returns the step's progress, with a hint for the next action.
 pub(super) fn progress(data: &[CameraData; 2]) -> Progress {
@@ -144,19 +144,19 @@ fn assess_gains(summary: &mut Summary, data: &[CameraData; 2], gains: &Gains) {
         return;
     };
     let worst = best.relative_sd.max_element();
-    if worst > USABLE_GAIN {
+    if worst > MAX_USABLE_SIGMA {
         summary.finding(
             Grade::Refused,
             format!(
-                "the gains are known to {:.0} % only; light the chart better",
+                "the gains have a standard deviation of {:.0} %; light the chart better",
                 100.0 * worst
             ),
         );
-    } else if worst > GOOD_GAIN {
+    } else if worst > MAX_GOOD_SIGMA {
         summary.finding(
             Grade::Usable,
             format!(
-                "the gains are known to {:.1} % only; a well-lit chart yields 0.5 %",
+                "the gains have a standard deviation of {:.1} %; a well-lit chart yields 0.5 %",
                 100.0 * worst
             ),
         );
@@ -171,7 +171,7 @@ fn missing_charts(summary: &mut Summary, data: &[CameraData; 2], gains: &Gains) 
     let seen = [0, 1].map(|i| (data[i].pictures > 0, !data[i].charts.is_empty()));
     let text = match seen {
         [(true, false), (true, false)] => {
-            "no chart is seen by either camera; show all 24 patches, each at least 8 pixels wide"
+            "neither camera sees a chart; show all 24 patches, each at least 8 pixels wide"
         }
         [(true, false), (_, true)] => {
             "the scene camera sees no chart; move it until all 24 patches are in its picture"
@@ -200,8 +200,8 @@ fn check_consistency(summary: &mut Summary, gains: &Gains) {
     for (name, other) in all.iter().filter(|(name, _)| *name != best) {
         let difference: DVec3 = (other.gains / estimate.gains).ln().abs();
         let variance = other.relative_sd.powf(2.0) + estimate.relative_sd.powf(2.0);
-        let inconsistent =
-            (0..3).any(|c| difference[c] > CONSISTENT && difference[c] > 3.0 * variance[c].sqrt());
+        let inconsistent = (0..3)
+            .any(|c| difference[c] > MAX_DIFFERENCE && difference[c] > 3.0 * variance[c].sqrt());
         let text = format!(
             "{best} and {name} differ by {:.1} %, {:.1} %, {:.1} %",
             100.0 * difference.x,

@@ -10,28 +10,28 @@ use crate::radiometric::curve::{Curve, NoCurve};
 use penumbra_rig_model::Grade;
 
 /// Maximum change of brightness over the chart, relative.
-const UNEVEN: f64 = 0.35;
+const MAX_UNEVENNESS: f64 = 0.35;
 /// Maximum change of the light's colour over the chart, relative.
-const MIXED: f64 = 0.12;
+const MAX_COLOUR_CHANGE: f64 = 0.12;
 /// Maximum error of the grey row's contrast.
-const CONTRAST: f64 = 0.06;
+const MAX_CONTRAST_ERROR: f64 = 0.06;
 
 /// Assesses light, colours and contrast of a camera's chart.
 pub(super) fn assess_chart(
     summary: &mut Summary,
     i: usize,
-    eye: &CameraData,
+    data: &CameraData,
     camera: &CameraResult,
     options: &RadiometricOptions,
 ) {
     let name = CAMERAS[i].name();
-    let Some(seen) = eye.charts.first() else {
+    let Some(seen) = data.charts.first() else {
         return;
     };
     let Some((response, _)) = &camera.response else {
         return;
     };
-    if eye.charts.iter().any(|c| c.charts > 1) {
+    if data.charts.iter().any(|c| c.charts > 1) {
         summary.finding(
             Grade::Usable,
             format!(
@@ -40,7 +40,7 @@ pub(super) fn assess_chart(
             ),
         );
     }
-    let patches = eye.patches(response);
+    let patches = data.patches(response);
     let Some(first) = patches.first() else { return };
     let evaluation = evaluate(first, options);
     assess_light(summary, name, &evaluation);
@@ -48,7 +48,7 @@ pub(super) fn assess_chart(
 }
 
 fn assess_light(summary: &mut Summary, name: &str, evaluation: &ChartEvaluation) {
-    if evaluation.uneven > UNEVEN {
+    if evaluation.uneven > MAX_UNEVENNESS {
         summary.finding(
             Grade::Usable,
             format!(
@@ -59,7 +59,7 @@ fn assess_light(summary: &mut Summary, name: &str, evaluation: &ChartEvaluation)
         );
     }
     let (mixed, sigma) = evaluation.mixed;
-    if mixed > MIXED && mixed > 4.0 * sigma {
+    if mixed > MAX_COLOUR_CHANGE && mixed > 4.0 * sigma {
         summary.finding(
             Grade::Usable,
             format!(
@@ -104,10 +104,10 @@ fn assess_colours(
         summary.lines.push(format!(
             "{name} camera: contrast of the grey patches {contrast:.3} ± {sigma:.3} of the \
              reference, residual of the patches {:.1} %",
-            100.0 * evaluation.rest
+            100.0 * evaluation.residual
         ));
         let error = (contrast - 1.0).abs();
-        if error > CONTRAST && error > 3.0 * sigma {
+        if error > MAX_CONTRAST_ERROR && error > 3.0 * sigma {
             summary.finding(
                 Grade::Usable,
                 format!(
@@ -175,10 +175,10 @@ fn assess_curve(summary: &mut Summary, name: &str, curve: &Curve, camera: &Camer
     let description = camera.response.as_ref().map_or("", |r| &r.1);
     let sigma = 100.0 * curve.largest_sigma();
     summary.lines.push(format!(
-        "{name} camera: tone curve {description}; measured to {sigma:.1} % over codes {:.0} to \
+        "{name} camera: tone curve {description}; standard error {sigma:.1} % over codes {:.0} to \
          {:.0}, {} samples, residual {:.1} %",
-        curve.seen.0,
-        curve.seen.1,
+        curve.code_range.0,
+        curve.code_range.1,
         curve.used,
         100.0 * curve.rms
     ));
@@ -186,7 +186,7 @@ fn assess_curve(summary: &mut Summary, name: &str, curve: &Curve, camera: &Camer
         summary.finding(
             Grade::Usable,
             format!(
-                "the {name} camera's tone curve is measured to {sigma:.0} % only and not used; \
+                "the {name} camera's tone curve has an error of {sigma:.0} % and is not used; \
                  vary the exposure in steps of one or two stops"
             ),
         );

@@ -37,7 +37,7 @@ pub(super) struct CameraData {
     pub grey: Option<Vec<[u8; 3]>>,
     pub series: SeriesGatherer,
     pub noise: NoiseGatherer,
-    /// Number of pictures in which the scene moved since the one before.
+    /// Number of pictures that show motion since the previous one.
     pub moved: usize,
     /// Centres of the patches found last, pixels.
     pub overlay_points: Vec<DVec2>,
@@ -58,7 +58,7 @@ const SEARCH_INTERVAL: f64 = 0.5;
 const SEARCHES_PER_INTERVAL: usize = 24;
 /// Maximum number of pictures of a chart.
 const MAX_CHARTS: usize = 6;
-/// Maximum interval between pictures in equal light, seconds.
+/// Maximum interval between two pictures for the light to count as equal, seconds.
 const MAX_GAP: f64 = 1.0;
 /// Maximum interval between pictures of one bracket, nanoseconds.
 const MAX_BRACKET_NANOS: i64 = 60_000_000;
@@ -67,74 +67,74 @@ const EXPOSURE_TOLERANCE: f64 = 0.05;
 
 impl CameraData {
     /// Adds a picture; `grey` is the grey card's x, y, width and height, pixels.
-    pub fn add(&mut self, shown: &PictureInput, grey: Option<[u32; 4]>) {
-        self.size = (shown.picture.width, shown.picture.height);
-        self.add_to_bracket(shown);
-        if shown.bracket_ev != 0.0 {
+    pub fn add(&mut self, input: &PictureInput, grey: Option<[u32; 4]>) {
+        self.size = (input.picture.width, input.picture.height);
+        self.add_to_bracket(input);
+        if input.bracket_ev != 0.0 {
             return;
         }
         self.pictures += 1;
-        self.exposure = shown.exposure.or(self.exposure);
+        self.exposure = input.exposure.or(self.exposure);
         if let Some(rect) = grey {
-            self.grey = codes_in(shown.picture, rect);
+            self.grey = codes_in(input.picture, rect);
         }
-        self.search(shown);
-        self.compare(shown);
+        self.search(input);
+        self.compare(input);
     }
 
-    fn search(&mut self, shown: &PictureInput) {
-        if self.next_search.is_some_and(|next| shown.seconds < next)
+    fn search(&mut self, input: &PictureInput) {
+        if self.next_search.is_some_and(|next| input.seconds < next)
             || self.charts.len() >= MAX_CHARTS
         {
             return;
         }
-        let found = find_charts(shown.picture);
+        let found = find_charts(input.picture);
         self.searches += 1;
         let slowdown = (self.searches / SEARCHES_PER_INTERVAL) as i32;
         let wait = if found.is_empty() { slowdown } else { 0 };
-        self.next_search = Some(shown.seconds + SEARCH_INTERVAL * f64::from(wait + 1));
+        self.next_search = Some(input.seconds + SEARCH_INTERVAL * f64::from(wait + 1));
         self.overlay_points.clear();
         let Some(chart) = found.first() else { return };
         self.overlay_points.extend((0..24).map(|i| chart.centre(i)));
-        let (picture, corner) = cropped(shown.picture, chart);
+        let (picture, corner) = cropped(input.picture, chart);
         self.charts.push(ChartPicture {
             chart: chart.shifted(-corner),
             picture,
-            seconds: shown.seconds,
-            exposure: shown.exposure,
+            seconds: input.seconds,
+            exposure: input.exposure,
             charts: found.len(),
         });
     }
 
     /// Compares a picture with the one before: an exposure series if the exposure changed, noise if
     /// nothing moved.
-    fn compare(&mut self, shown: &PictureInput) {
+    fn compare(&mut self, input: &PictureInput) {
         if let Some((before, seconds, exposure)) = &self.before
-            && shown.seconds - seconds < MAX_GAP
+            && input.seconds - seconds < MAX_GAP
             && (before.width, before.height) == self.size
         {
-            let step = match (shown.exposure, exposure) {
+            let step = match (input.exposure, exposure) {
                 (Some(now), Some(then)) => (now / then).log2(),
                 _ => 0.0,
             };
             if step.abs() > EXPOSURE_TOLERANCE {
-                let now = shown.exposure.unwrap_or(1.0).ln();
+                let now = input.exposure.unwrap_or(1.0).ln();
                 let then = exposure.unwrap_or(1.0).ln();
-                self.series.add(&[(shown.picture, now), (before, then)]);
-            } else if is_static(before, shown.picture) {
-                self.noise.add(before, shown.picture);
+                self.series.add(&[(input.picture, now), (before, then)]);
+            } else if is_static(before, input.picture) {
+                self.noise.add(before, input.picture);
             } else {
                 self.moved += 1;
             }
         }
         let (picture, seconds, exposure) = self.before.get_or_insert_default();
-        picture.copy_from(shown.picture);
-        (*seconds, *exposure) = (shown.seconds, shown.exposure);
+        picture.copy_from(input.picture);
+        (*seconds, *exposure) = (input.seconds, input.exposure);
     }
 
-    fn add_to_bracket(&mut self, shown: &PictureInput) {
-        let at = shown.captured_at.as_nanos();
-        if shown.bracket_ev == 0.0
+    fn add_to_bracket(&mut self, input: &PictureInput) {
+        let at = input.captured_at.as_nanos();
+        if input.bracket_ev == 0.0
             || self
                 .bracket
                 .iter()
@@ -142,8 +142,8 @@ impl CameraData {
         {
             self.flush();
         }
-        let log = shown.bracket_ev * std::f64::consts::LN_2;
-        self.bracket.push((shown.picture.clone(), log, at));
+        let log = input.bracket_ev * std::f64::consts::LN_2;
+        self.bracket.push((input.picture.clone(), log, at));
     }
 
     /// Adds the current bracket to the exposure series.

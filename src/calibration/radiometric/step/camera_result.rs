@@ -7,11 +7,11 @@ use crate::step::CameraRole;
 use penumbra_camera::Response;
 
 /// Maximum relative standard error of a measured curve that replaces the known one.
-const USABLE_CURVE: f64 = 0.12;
-/// A curve equals the measured one within this number of standard errors,
-const SAME_SIGMAS: f64 = 3.0;
-/// and within this RMS difference, relative.
-const SAME_CURVE: f64 = 0.03;
+const MAX_CURVE_SIGMA: f64 = 0.12;
+/// Maximum difference of a curve from the measured one to be consistent with it, standard errors.
+const MAX_DIFFERENCE_SIGMAS: f64 = 3.0;
+/// Maximum RMS difference of a curve from the measured one to be consistent with it, relative.
+const MAX_DIFFERENCE: f64 = 0.03;
 
 /// The cameras in the order of all arrays of two.
 pub(super) const CAMERAS: [CameraRole; 2] = [CameraRole::Scene, CameraRole::Environment];
@@ -40,14 +40,14 @@ pub(super) fn choose_response(
     let Some(Ok(curve)) = curve else {
         return ((known.clone(), "of rig.json".to_owned()), false);
     };
-    let same = |other: &Response| {
-        let (apart, sigmas) = curve.apart(other);
-        sigmas < SAME_SIGMAS && apart < SAME_CURVE
+    let is_consistent = |other: &Response| {
+        let (difference, sigmas) = curve.difference(other);
+        sigmas < MAX_DIFFERENCE_SIGMAS && difference < MAX_DIFFERENCE
     };
-    if same(known) {
+    if is_consistent(known) {
         return ((known.clone(), "of rig.json, confirmed".to_owned()), false);
     }
-    if curve.largest_sigma() > USABLE_CURVE {
+    if curve.largest_sigma() > MAX_CURVE_SIGMA {
         return ((known.clone(), "of rig.json".to_owned()), false);
     }
     let named = [
@@ -56,7 +56,7 @@ pub(super) fn choose_response(
         (Response::gamma(2.2), "gamma 2.2"),
     ];
     for (named, name) in named {
-        if same(&named) {
+        if is_consistent(&named) {
             return ((named, name.to_owned()), true);
         }
     }

@@ -29,7 +29,7 @@ pub(super) struct Gains {
 
 /// Systematic error of a chart, relative: gloss, and different viewing directions of the cameras.
 const CHART_FLOOR: f64 = 0.002;
-/// Systematic error of a grey card, relative: a single surface.
+/// Systematic error of a grey card, relative: larger than a chart's, as it is a single surface.
 const GREY_FLOOR: f64 = 0.007;
 
 impl Gains {
@@ -76,15 +76,15 @@ pub(super) fn between(
         scene: scene.cloned(),
         ..Gains::default()
     };
-    if data.iter().all(|eye| !eye.charts.is_empty()) {
-        chart(&mut gains, data, responses, options.matrix);
+    if data.iter().all(|camera| !camera.charts.is_empty()) {
+        match_charts(&mut gains, data, responses, options.matrix);
     }
     if let [Some(a), Some(b)] = [&data[0].grey, &data[1].grey] {
-        gains.grey = Some(card(a, b, responses));
+        gains.grey = Some(grey_card_gains(a, b, responses));
     }
-    let exposure = |eye: &CameraData| match gains.chart {
-        Some(Ok(_)) => eye.charts.first().and_then(|c| c.exposure),
-        _ => eye.exposure,
+    let exposure = |camera: &CameraData| match gains.chart {
+        Some(Ok(_)) => camera.charts.first().and_then(|c| c.exposure),
+        _ => camera.exposure,
     };
     gains.exposures = exposure(&data[0])
         .zip(exposure(&data[1]))
@@ -92,8 +92,13 @@ pub(super) fn between(
     gains
 }
 
-/// Matches charts in pictures nearest in time.
-fn chart(gains: &mut Gains, data: &[CameraData; 2], responses: [&Response; 2], matrix: bool) {
+/// Matches the charts of both cameras in the pictures nearest in time.
+fn match_charts(
+    gains: &mut Gains,
+    data: &[CameraData; 2],
+    responses: [&Response; 2],
+    matrix: bool,
+) {
     let read = [0, 1].map(|i| data[i].patches(responses[i]));
     let mut found: Vec<ChartMatch> = Vec::new();
     let mut error = None;
@@ -145,7 +150,11 @@ fn combined(found: &[ChartMatch]) -> GainEstimate {
 }
 
 /// Computes the gains from a grey card's codes in both cameras.
-fn card(a: &[[u8; 3]], b: &[[u8; 3]], responses: [&Response; 2]) -> Result<GainEstimate, String> {
+fn grey_card_gains(
+    a: &[[u8; 3]],
+    b: &[[u8; 3]],
+    responses: [&Response; 2],
+) -> Result<GainEstimate, String> {
     let read = |codes: &[[u8; 3]], c: usize, response| {
         let codes: Vec<u8> = codes.iter().map(|rgb| rgb[c]).collect();
         read_codes(&codes, response)
@@ -186,7 +195,7 @@ pub(super) struct ChartEvaluation {
     /// the chart's deviations from the reference.
     pub mixed: (f64, f64),
     /// RMS residual of the patches after gains and a linear gradient of light, relative.
-    pub rest: f64,
+    pub residual: f64,
     /// Colour errors.
     pub colours: Option<Colours>,
     /// Names of patches that are clipped or too dark.
@@ -214,13 +223,14 @@ pub(super) fn evaluate(patches: &[Patch], options: &RadiometricOptions) -> Chart
         let error = |s: &Slope| std::f64::consts::SQRT_2 * (5.0 * s.2[1]).hypot(3.0 * s.2[2]);
         let [red, blue] = [(apart(&r), error(&r)), (apart(&b), error(&b))];
         evaluation.mixed = if red.0 > blue.0 { red } else { blue };
-        evaluation.rest = ((r.1.powi(2) + g.1.powi(2) + b.1.powi(2)) / 3.0).sqrt();
+        evaluation.residual = ((r.1.powi(2) + g.1.powi(2) + b.1.powi(2)) / 3.0).sqrt();
         evaluation.contrast = contrast(patches, &reference, &g.0);
     }
     evaluation
 }
 
-/// a, b, c; root mean square of the residuals; standard errors of a, b, c.
+/// A fitted gradient of the light: a, b, c; root mean square of the residuals; standard errors of a,
+/// b, c.
 type Slope = ([f64; 3], f64, [f64; 3]);
 
 /// Fits ln (measured / reference) = a + b column + c row of one channel by least squares, to the

@@ -40,8 +40,8 @@ pub struct Radiometric {
     scene_gains: Option<(GainEstimate, String)>,
 }
 
-const fn index(eye: CameraRole) -> usize {
-    match eye {
+const fn index(camera: CameraRole) -> usize {
+    match camera {
         CameraRole::Scene => 0,
         CameraRole::Environment => 1,
     }
@@ -59,8 +59,8 @@ impl Radiometric {
     }
 
     /// Adds pictures of a static scene with the natural logarithms of their exposures.
-    pub fn add_series(&mut self, eye: CameraRole, series: &[(&Picture, f64)]) {
-        let state = &mut self.data[index(eye)];
+    pub fn add_series(&mut self, camera: CameraRole, series: &[(&Picture, f64)]) {
+        let state = &mut self.data[index(camera)];
         state.series.add(series);
         state.size = series
             .first()
@@ -68,8 +68,8 @@ impl Radiometric {
     }
 
     /// Adds a picture of a uniform, evenly lit surface that fills it.
-    pub fn add_flat(&mut self, eye: CameraRole, picture: &Picture) {
-        let i = index(eye);
+    pub fn add_flat(&mut self, camera: CameraRole, picture: &Picture) {
+        let i = index(camera);
         let centre = self.options.centres[i];
         self.data[i].add_flat(picture, &self.options.responses[i], centre);
     }
@@ -80,8 +80,8 @@ impl Radiometric {
     }
 
     /// Sets vignetting found from a moving camera; pictures of a uniform surface take precedence.
-    pub fn add_vignetting(&mut self, eye: CameraRole, fit: vignetting::VignettingFit) {
-        self.data[index(eye)].moving = Some(fit);
+    pub fn add_vignetting(&mut self, camera: CameraRole, fit: vignetting::VignettingFit) {
+        self.data[index(camera)].moving = Some(fit);
     }
 
     fn camera(&self, i: usize) -> CameraResult {
@@ -116,10 +116,10 @@ impl Step for Radiometric {
         }
     }
 
-    fn observe(&mut self, shown: &StepInput) {
-        if let StepInput::Picture(shown) = shown {
-            let i = index(shown.camera);
-            self.data[i].add(shown, self.options.greys[i]);
+    fn observe(&mut self, input: &StepInput) {
+        if let StepInput::Picture(picture) = input {
+            let i = index(picture.camera);
+            self.data[i].add(picture, self.options.greys[i]);
         }
     }
 
@@ -127,9 +127,9 @@ impl Step for Radiometric {
         assessment::progress(&self.data)
     }
 
-    fn finish(&mut self, made: &CalibrationProvenance) -> Finished {
-        for eye in &mut self.data {
-            eye.flush();
+    fn finish(&mut self, provenance: &CalibrationProvenance) -> Finished {
+        for data in &mut self.data {
+            data.flush();
         }
         let cameras = [self.camera(0), self.camera(1)];
         let gains = gains::between(
@@ -139,9 +139,16 @@ impl Step for Radiometric {
             self.scene_gains.as_ref(),
         );
         let mut found = assessment::assess(&self.data, &cameras, &gains, &self.options);
-        found.report = report::report(made, &found, &self.data, &cameras, &gains, &self.options);
+        found.report = report::report(
+            provenance,
+            &found,
+            &self.data,
+            &cameras,
+            &gains,
+            &self.options,
+        );
         if found.grade != Grade::Refused {
-            let record = self.record(made, &found, &cameras, &gains);
+            let record = self.record(provenance, &found, &cameras, &gains);
             found.file = serde_json::to_string_pretty(&record).ok();
         }
         found
@@ -151,14 +158,14 @@ impl Step for Radiometric {
 impl Radiometric {
     fn record(
         &self,
-        made: &CalibrationProvenance,
+        provenance: &CalibrationProvenance,
         found: &Finished,
         cameras: &[CameraResult; 2],
         gains: &gains::Gains,
     ) -> RadiometricRecord {
         let [scene, environment] = [0, 1].map(|i| self.camera_record(i, &cameras[i]));
         RadiometricRecord {
-            header: found.header(STEP, made),
+            header: found.header(STEP, provenance),
             scene_camera: scene,
             environment_camera: environment,
             gains: gains.best().map(|(method, estimate)| GainsRecord {

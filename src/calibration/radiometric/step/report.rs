@@ -22,7 +22,7 @@ use std::fmt::Write;
 
 /// Writes the report as HTML.
 pub(super) fn report(
-    made: &CalibrationProvenance,
+    provenance: &CalibrationProvenance,
     found: &Finished,
     data: &[CameraData; 2],
     cameras: &[CameraResult; 2],
@@ -30,7 +30,7 @@ pub(super) fn report(
     options: &RadiometricOptions,
 ) -> String {
     let facts = [
-        format!("{}, from {}", made.date, made.source),
+        format!("{}, from {}", provenance.date, provenance.source),
         format!("chart: ColorChecker of {}", options.edition.name()),
     ];
     let mut page = Page::new("Colour and brightness of the cameras", &facts);
@@ -58,23 +58,23 @@ pub(super) fn report(
 /// Adds a table of ΔE2000 between the chart's patches in one camera and the reference.
 fn own_colours(
     page: &mut Page,
-    eye: &CameraData,
+    data: &CameraData,
     camera: &CameraResult,
     options: &RadiometricOptions,
 ) {
     let Some((response, _)) = &camera.response else {
         return;
     };
-    let patches = eye.patches(response);
+    let patches = data.patches(response);
     let colours = patches.first().and_then(|p| evaluate(p, options).colours);
     let Some(colours) = colours else { return };
-    let head = [
+    let header = [
         "patch",
         "ΔE2000 as shown",
         "white balanced",
         "with a matrix",
     ];
-    let mut rows = vec![head.map(str::to_owned).to_vec()];
+    let mut rows = vec![header.map(str::to_owned).to_vec()];
     let text = |v: Option<f64>| v.map_or_else(|| "–".to_owned(), |v| format!("{v:.1}"));
     for (i, name) in NAMES.iter().enumerate() {
         let values = [&colours.as_shown, &colours.balanced, &colours.matrixed];
@@ -87,8 +87,8 @@ fn own_colours(
 /// Returns a table of ΔE2000 between the cameras before and after calibration, with white at 1 in the
 /// scene camera.
 fn patches(gains: &Gains) -> Vec<Vec<String>> {
-    let head = ["patch", "scene", "environment", "ΔE2000 before", "after"];
-    let mut rows = vec![head.map(str::to_owned).to_vec()];
+    let header = ["patch", "scene", "environment", "ΔE2000 before", "after"];
+    let mut rows = vec![header.map(str::to_owned).to_vec()];
     let Some((_, estimate)) = gains.best() else {
         return rows;
     };

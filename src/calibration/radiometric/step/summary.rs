@@ -1,4 +1,4 @@
-//! The step's summary while it is made.
+//! The step's summary, filled in by its assessments.
 
 use penumbra_rig_model::Grade;
 

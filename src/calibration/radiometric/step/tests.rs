@@ -31,9 +31,9 @@ fn synthetic(corners: [(f64, f64); 4], gains: DVec3, seed: u64) -> SyntheticChar
     }
 }
 
-fn show(step: &mut Radiometric, eye: CameraRole, picture: &Picture, seconds: f64, ev: f64) {
+fn observe(step: &mut Radiometric, camera: CameraRole, picture: &Picture, seconds: f64, ev: f64) {
     step.observe(&StepInput::Picture(PictureInput {
-        camera: eye,
+        camera,
         picture,
         captured_at: MonotonicTime::from_nanos((1e9 * seconds) as i64),
         bracket_ev: ev,
@@ -42,10 +42,10 @@ fn show(step: &mut Radiometric, eye: CameraRole, picture: &Picture, seconds: f64
     }));
 }
 
-fn finished(scene: &SyntheticChart, environment: &SyntheticChart) -> Finished {
+fn calibrate(scene: &SyntheticChart, environment: &SyntheticChart) -> Finished {
     let mut step = Radiometric::new(RadiometricOptions::default());
-    show(&mut step, CameraRole::Scene, &scene.picture(), 0.0, 0.0);
-    show(
+    observe(&mut step, CameraRole::Scene, &scene.picture(), 0.0, 0.0);
+    observe(
         &mut step,
         CameraRole::Environment,
         &environment.picture(),
@@ -55,7 +55,7 @@ fn finished(scene: &SyntheticChart, environment: &SyntheticChart) -> Finished {
     step.finish(&CalibrationProvenance::default())
 }
 
-fn applied(found: &Finished) -> RigDocument {
+fn apply(found: &Finished) -> RigDocument {
     let mut rig = RigDocument::uncalibrated(640, 480);
     let bytes = found.file.as_ref().unwrap().as_bytes();
     apply_radiometric_file(&mut rig, &|name| (name == RADIOMETRIC).then_some(bytes)).unwrap();
@@ -65,9 +65,9 @@ fn applied(found: &Finished) -> RigDocument {
 #[test]
 fn chart_yields_gains_within_a_percent_through_the_file() {
     let (a, b) = (DVec3::new(0.95, 0.8, 0.7), DVec3::new(0.2, 0.25, 0.3));
-    let found = finished(&synthetic(SCENE, a, 1), &synthetic(ENVIRONMENT, b, 2));
+    let found = calibrate(&synthetic(SCENE, a, 1), &synthetic(ENVIRONMENT, b, 2));
     assert_eq!(found.grade, Grade::Good, "{found:?}");
-    let gains = applied(&found).calibration.gains.unwrap().estimate;
+    let gains = apply(&found).calibration.gains.unwrap().estimate;
     let error = gains.percent_from(a / b);
     assert!(error.abs().max_element() < 1.0, "{error}");
     for c in 0..3 {
@@ -99,9 +99,9 @@ fn reports_bad_light_and_missing_charts() {
             Grade::Refused,
             "environment camera sees no chart",
         ),
-        (&none, &none, Grade::Refused, "no chart is seen by either"),
+        (&none, &none, Grade::Refused, "neither camera sees a chart"),
     ] {
-        let found = finished(scene, environment);
+        let found = calibrate(scene, environment);
         let text = format!("{:?}", found.findings);
         assert!(text.contains(message), "{message}: {text}");
         assert_eq!(found.grade, grade, "{text}");
@@ -122,8 +122,8 @@ fn reads_the_larger_of_two_charts() {
     ];
     synthetic(apart, gains, 2).draw_over(&mut both);
     let mut step = Radiometric::new(RadiometricOptions::default());
-    show(&mut step, CameraRole::Scene, &both, 0.0, 0.0);
-    show(
+    observe(&mut step, CameraRole::Scene, &both, 0.0, 0.0);
+    observe(
         &mut step,
         CameraRole::Environment,
         &scene.picture(),
@@ -137,7 +137,7 @@ fn reads_the_larger_of_two_charts() {
         "{:?}",
         found.findings
     );
-    let gains = applied(&found).calibration.gains.unwrap().estimate;
+    let gains = apply(&found).calibration.gains.unwrap().estimate;
     assert!(gains.percent_from(DVec3::ONE).abs().max_element() < 1.0);
 }
 
@@ -149,9 +149,9 @@ fn detects_swapped_cameras() {
     });
     let mut square = synthetic(SCENE, DVec3::splat(0.9), 1);
     square.size = (480, 480);
-    show(&mut step, CameraRole::Scene, &square.picture(), 0.0, 0.0);
+    observe(&mut step, CameraRole::Scene, &square.picture(), 0.0, 0.0);
     let wide = synthetic(ENVIRONMENT, DVec3::splat(0.9), 1).picture();
-    show(&mut step, CameraRole::Environment, &wide, 0.0, 0.0);
+    observe(&mut step, CameraRole::Environment, &wide, 0.0, 0.0);
     let found = step.finish(&CalibrationProvenance::default());
     assert_eq!(found.grade, Grade::Refused);
     assert!(
@@ -172,7 +172,7 @@ fn brackets_correct_a_wrong_tone_curve() {
         let gains = DVec3::splat(3.0 * f64::exp2(ev));
         let mut picture = synthetic(ENVIRONMENT, gains, 1);
         (picture.response, picture.noise) = (ground_truth.clone(), 0.0005);
-        show(
+        observe(
             &mut step,
             CameraRole::Environment,
             &picture.picture(),
@@ -206,7 +206,7 @@ fn measures_noise_of_static_pictures_only() {
     for i in 0..4 {
         let mut still = synthetic(SCENE, DVec3::splat(0.9), 10 + i);
         still.noise = 0.003;
-        show(
+        observe(
             &mut step,
             CameraRole::Scene,
             &still.picture(),
@@ -215,7 +215,7 @@ fn measures_noise_of_static_pictures_only() {
         );
         let moved = SCENE.map(|(x, y)| (x + 4.0 * i as f64, y + i as f64));
         let moving = synthetic(moved, DVec3::splat(0.9), 20 + i);
-        show(
+        observe(
             &mut step,
             CameraRole::Environment,
             &moving.picture(),
@@ -249,12 +249,12 @@ fn white_wall_determines_vignetting() {
         }
         picture
     };
-    for (k, there) in [(-0.4, true), (0.0, false)] {
+    for (k, is_significant) in [(-0.4, true), (0.0, false)] {
         let mut step = Radiometric::new(RadiometricOptions::default());
         step.add_flat(CameraRole::Scene, &wall(k));
         let found = step.finish(&CalibrationProvenance::default());
-        let lens = applied(&found).calibration.scene_camera.vignetting;
-        assert_eq!(lens.is_some(), there, "{found:?}");
+        let lens = apply(&found).calibration.scene_camera.vignetting;
+        assert_eq!(lens.is_some(), is_significant, "{found:?}");
         if let Some(lens) = lens {
             assert!((lens.at(DVec2::ZERO) - (1.0 + k)).abs() < 0.02, "{lens:?}");
         }

@@ -11,7 +11,7 @@ fn readings(k: [f64; 3], groups: usize, each: usize, noise: f64) -> Vec<Reading>
         .map(|i| {
             let (group, n) = (i / each, i % each);
             let q = ((group * 7 + n * 13) % 41) as f64 / 41.0;
-            // The light fades meanwhile.
+            // The light fades over the pictures.
             let light = -0.3 * (n as f64 / each as f64);
             let log = light + (0.1 + 0.02 * group as f64).ln() + polynomial(&k, q).ln();
             Reading {

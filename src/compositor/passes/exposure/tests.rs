@@ -1,4 +1,4 @@
-//! The summed-area table against plain sums.
+//! The running_sums-area table against plain sums.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 use super::*;
@@ -74,7 +74,7 @@ fn table_of(picture: &Picture, response: &Response) -> Table {
 }
 
 /// Running sums both ways, modulo 2³².
-fn summed<const N: usize>(blocks: &[[u32; N]], across: usize) -> Vec<[u32; N]> {
+fn running_sums<const N: usize>(blocks: &[[u32; N]], across: usize) -> Vec<[u32; N]> {
     let mut sums: Vec<[u32; N]> = Vec::with_capacity(blocks.len());
     for (i, block) in blocks.iter().enumerate() {
         let (x, y) = (i % across, i / across);
@@ -115,17 +115,17 @@ fn running_sums_are_exact_at_any_size() {
     ] {
         let table = table_of(&mixed(width, height, 255), &Response::srgb());
         assert!(
-            summed(&table.blocks.0, table.across) == table.sums.0,
+            running_sums(&table.blocks.0, table.across) == table.sums.0,
             "{width}×{height}"
         );
         assert!(
-            summed(&table.blocks.1, table.across) == table.sums.1,
+            running_sums(&table.blocks.1, table.across) == table.sums.1,
             "{width}×{height}"
         );
     }
 }
 
-/// The brightest picture without clipped pixels: the sum over the entire picture passes 2³², yet
+/// The brightest picture without clipped pixels: the sum over the entire picture exceeds 2³², yet
 /// differences are exact.
 #[test]
 fn sums_over_a_region_are_exact_in_the_brightest_picture() {

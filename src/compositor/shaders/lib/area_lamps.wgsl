@@ -1,12 +1,12 @@
-// Lamps that are rectangles. Twins: `reference::area`.
+// Rectangular lamps. Twins: `reference::area`.
 
-// Their pictures, layer by layer: 64² texels whose mean has a luminance of 1, and all levels.
+// Screen pictures of the lamps, one per layer: 64² texels of mean luminance 1, with all mip levels.
 @group(0) @binding(10) var lamp_screens: texture_2d_array<f32>;
 
-// Level of a screen that has 4² texels.
+// Mip level at which a screen has 4² texels.
 const PATCH_LEVEL = 4;
 const PATCHES = 4u;
-// Look-ups of a cell's shadow.
+// Look-ups for the shadow of one cell.
 const AREA_TAPS = min(SOFT, 4);
 
 fn unit(v: vec3f) -> vec3f {
@@ -28,9 +28,9 @@ fn rectangle_of(k: u32) -> Rectangle {
     return Rectangle(lamps.each[k].position.xyz, r, u, lamps.each[k].direction.xyz, 4.0 * length(r) * length(u));
 }
 
-// θ / (2π sin θ) of the angle θ between unit vectors, by its cosine, times their cross product:
-// what the arc between them adds to Lambert's sum (1760). The quotient is Hill's fit (Heitz,
-// Hill 2017), off by 1e-4 at most.
+// Contribution of the arc between unit vectors `a` and `b` to Lambert's sum (1760): θ / (2π sin θ)
+// times their cross product, where θ is the angle between them. The quotient is Hill's fit as a
+// function of cos θ (Heitz, Hill 2017), maximum error 1e-4.
 fn arc(a: vec3f, b: vec3f) -> vec3f {
     let x = dot(a, b);
     let y = abs(x);
@@ -39,10 +39,10 @@ fn arc(a: vec3f, b: vec3f) -> vec3f {
     return cross(a, b) * select(obtuse, fit, x > 0.0);
 }
 
-// Of the arc from `a` to `b`, heights `ha` and `hb` over the horizon, the part above it.
+// The part of the polygon's boundary above the horizon, summed so far.
 struct Clipped {
     sum: f32,
-    // Where it goes below the horizon, and where it comes up, unless zero.
+    // Where the boundary crosses the horizon downwards and upwards; zero if it has not yet.
     down: vec3f,
     up: vec3f,
 }
@@ -61,47 +61,48 @@ fn clipped(so_far: Clipped, a: vec3f, b: vec3f, n: vec3f) -> Clipped {
     );
 }
 
-// Share of a cosine-weighted hemisphere about `n` that a convex polygon fills: Lambert's formula
-// over what of it is above the horizon. Corners relative to the point, in either sense.
+// Fraction of the cosine-weighted hemisphere about `n` that a convex quadrilateral fills: Lambert's
+// formula over its part above the horizon. Corners relative to the point, in either orientation.
 fn form_factor(a: vec3f, b: vec3f, c: vec3f, d: vec3f, n: vec3f) -> f32 {
     var s = Clipped(0.0, vec3f(0.0), vec3f(0.0));
     s = clipped(s, a, b, n);
     s = clipped(s, b, c, n);
     s = clipped(s, c, d, n);
     s = clipped(s, d, a, n);
-    // Along the horizon, from where it went down to where it came up.
+    // Close the boundary along the horizon, from the downward to the upward crossing.
     return abs(s.sum + dot(arc(s.down, s.up), n));
 }
 
-// Whether the lamp shines to the side on which a point lies.
+// Whether the lamp emits to the side on which a point lies.
 fn shines_towards(k: u32, off: vec3f) -> bool {
     return dot(off, lamps.each[k].direction.xyz) > 0.0 || lamps.each[k].half_up.w > 0.5;
 }
 
-// Share of the form factor that a small patch at `to` from the point has, up to a factor that all
-// patches of a lamp share: a disc of its size.
+// Approximate form factor of a small patch, approximated as a disc of the same area, at `to` from
+// the point, up to a factor that all patches of a lamp share.
 fn patch_weight(to: vec3f, n: vec3f, r: Rectangle, size: f32) -> f32 {
     let r2 = dot(to, to);
     let cosines = max(dot(n, to), 0.0) * abs(dot(r.normal, to));
     return cosines / (r2 * (r2 + size * (1.0 / 3.14159265)) + 1e-12) + 1e-12;
 }
 
-// Where the lamp is looked at from for cell (x, y) of `across` each way, from the upper left. Twin
-// of `lamp_coverage::eyes`.
+// View position on the lamp of the shadow map of cell (x, y) of `across` × `across`, from the upper
+// left. Twin of `lamp_coverage::eyes`.
 fn area_eye(r: Rectangle, x: u32, y: u32, across: f32) -> vec3f {
     let cell = vec2f(f32(x), f32(y));
     let at = (cell + (cell.yx + 0.5) / across) * (2.0 / across) - 1.0;
     return r.centre + r.right * at.x - r.up * at.y;
 }
 
-// Share of a cell of the lamp that a point sees: hard, or, with more look-ups, by blockers' distance
-// over as much of the map as the cell is wide (Fernando 2005). A map's depth is affine on a plane, so
-// each look-up is compared with the surface's own depth there.
+// Fraction of a cell of the lamp that a point sees: hard with one look-up; with more,
+// percentage-closer soft shadows whose filter width is that of the cell (Fernando 2005). Depth in a
+// map is affine on a plane, so each look-up is compared with the depth of the surface's own plane
+// there.
 fn cell_seen(k: u32, r: Rectangle, x: u32, y: u32, across: f32, world: vec3f, n: vec3f) -> f32 {
     let off = world - area_eye(r, x, y, across);
     let there = on_map(k, off, n, abs(dot(n, unit(off))));
     let size = f32(textureDimensions(lamp_maps).x);
-    // Width of a texel where a view is 2 wide, and half of it.
+    // Width of a texel in view coordinates (−1 to 1).
     let texel = 2.0 * across / size;
     let corner = vec2f(f32(x), f32(y)) / across;
     let depth = LAMP_NEAR / max(there.depth, LAMP_NEAR);
@@ -112,14 +113,14 @@ fn cell_seen(k: u32, r: Rectangle, x: u32, y: u32, across: f32, world: vec3f, n:
         let tangent = lamps.each[k].up.w;
         let steep = select(max(there.plane, 1e-4), min(there.plane, -1e-4), there.plane < 0.0);
         let slope = clamp(there.normal.xy * (LAMP_NEAR * tangent / steep), vec2f(-4.0 * depth), vec2f(4.0 * depth));
-        // Half as wide as the cell, as seen from the surface.
+        // Half the width of the cell, projected from the surface.
         let cell = 0.5 * sqrt(r.size) / across;
         let search = clamp(cell / (max(there.depth, LAMP_NEAR) * tangent), texel, 0.5);
-        let turn = area_turn(world, f32(k) + 4.0 * f32(x) + f32(y));
+        let rotation = area_rotation(world, f32(k) + 4.0 * f32(x) + f32(y));
         var blockers = 0.0;
         var sum = 0.0;
         for (var i = 0; i < AREA_TAPS; i++) {
-            let o = area_disc(i, turn) * search;
+            let o = area_disc(i, rotation) * search;
             let uv = tile_uv(there.q + o, corner, across, texel);
             let z = textureLoad(lamp_maps, vec2i(uv * size), there.layer, 0);
             let blocks = z > (depth + dot(slope, o)) * 1.002;
@@ -129,46 +130,46 @@ fn cell_seen(k: u32, r: Rectangle, x: u32, y: u32, across: f32, world: vec3f, n:
         let nearer = sum / max(blockers, 1.0) - depth;
         let width = clamp(cell * nearer / (LAMP_NEAR * tangent), 0.7 * texel, 0.5);
         for (var i = 0; i < AREA_TAPS; i++) {
-            let o = area_disc(i, turn) * width;
+            let o = area_disc(i, rotation) * width;
             let uv = tile_uv(there.q + o, corner, across, texel);
             seen += textureSampleCompareLevel(lamp_maps, lamp_compare, uv, there.layer, depth + dot(slope, o));
         }
         seen = select(seen / f32(AREA_TAPS), 1.0, blockers == 0.0);
     }
-    // What of the lamp is below the surface's own horizon the form factor leaves out already.
+    // The form factor already excludes the part of the lamp below the surface's own horizon.
     return select(1.0, seen, there.mapped && dot(n, off) < 0.0);
 }
 
-// Into a view's own tile of the map, clear of its neighbours.
+// Texture coordinates in a view's own tile of the map, kept away from neighbouring tiles.
 fn tile_uv(q: vec2f, corner: vec2f, across: f32, texel: f32) -> vec2f {
     let inside = clamp(q, vec2f(texel * 0.5 - 1.0), vec2f(1.0 - texel * 0.5));
     return corner + vec2f(0.5 + 0.5 * inside.x, 0.5 - 0.5 * inside.y) / across;
 }
 
-// Points of a disc (Vogel 1979), turned by a cosine and a sine.
-fn area_disc(i: i32, turn: vec2f) -> vec2f {
+// Point `i` of a disc (Vogel 1979), rotated by the angle of cosine and sine `rotation`.
+fn area_disc(i: i32, rotation: vec2f) -> vec2f {
     let angle = 2.39996323 * f32(i);
     let p = sqrt((f32(i) + 0.5) / f32(AREA_TAPS)) * vec2f(cos(angle), sin(angle));
-    return vec2f(p.x * turn.x - p.y * turn.y, p.x * turn.y + p.y * turn.x);
+    return vec2f(p.x * rotation.x - p.y * rotation.y, p.x * rotation.y + p.y * rotation.x);
 }
 
-// Differs from pixel to pixel, the same in every frame.
-fn area_turn(world: vec3f, i: f32) -> vec2f {
+// A rotation that differs between pixels and is the same in every frame.
+fn area_rotation(world: vec3f, i: f32) -> vec2f {
     let place = dot(pixel_of(world).xy, vec2f(0.06711056, 0.00583715));
     let angle = 6.2831853 * fract(52.9829189 * fract(place) + 0.618034 * i);
     return vec2f(cos(angle), sin(angle));
 }
 
-// Irradiance from one lamp; its shadow as strong as the frame wants it. The whole area's is exact;
-// how it divides among the cells that have a shadow of their own, and the parts of its picture, is
-// told by small discs in their places.
+// Irradiance from one rectangular lamp, with its shadow at the frame's shadow strength. The form
+// factor of the entire area is exact; small discs approximate how it divides among the cells, each
+// with a shadow of its own, and the parts of its picture.
 fn irradiance_of_area(k: u32, world: vec3f, n: vec3f) -> vec3f {
     let r = rectangle_of(k);
     let to = r.centre - world;
-    let whole = form_factor(to - r.right - r.up, to + r.right - r.up, to + r.right + r.up, to - r.right + r.up, n);
+    let total = form_factor(to - r.right - r.up, to + r.right - r.up, to + r.right + r.up, to - r.right + r.up, n);
     let layer = i32(lamps.each[k].half_right.w);
     let across = u32(lamps.each[k].intensity.w);
-    // Parts of the picture in each cell, each way.
+    // Parts of the picture in each cell, per axis.
     let parts = select(1u, PATCHES / across, layer > 0);
     let step = 2.0 / f32(across * parts);
     let size = 0.25 * r.size * step * step;
@@ -197,10 +198,10 @@ fn irradiance_of_area(k: u32, world: vec3f, n: vec3f) -> vec3f {
         }
     }
     let radiance = lamps.each[k].intensity.rgb * (colour / (weights * r.size));
-    return select(vec3f(0.0), radiance * (3.14159265 * whole), shines_towards(k, -to));
+    return select(vec3f(0.0), radiance * (3.14159265 * total), shines_towards(k, -to));
 }
 
-// Share of the lamp that a point sees, by four of its cells, for what it mirrors.
+// Fraction of the lamp that a point sees, from four of its cells; for specular reflection.
 fn area_seen(k: u32, r: Rectangle, world: vec3f, n: vec3f) -> f32 {
     let across = u32(lamps.each[k].intensity.w);
     let last = across - 1u;

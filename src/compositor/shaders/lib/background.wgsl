@@ -1,8 +1,8 @@
-// The camera's picture with the shadows of virtual objects: what is behind them.
+// The camera's picture with the shadows of virtual objects: the background of virtual surfaces.
 
-// A texel of the shadow buffer is a point, and its few look-ups of each light are turned from
-// texel to texel; a camera's pixel is an area. So the neighbours on the same side of all
-// real edges count, too.
+// A shadow-buffer texel is a point sample whose few look-ups per light are rotated from texel to
+// texel, while a camera pixel is an area. So the eight neighbours on the same side of all real
+// edges are averaged in.
 fn smooth_shadow_at(pixel: vec2i) -> vec3f {
     let last = vec2i(textureDimensions(shadow)) - vec2i(1);
     let own = textureLoad(shadow, pixel, 0);
@@ -18,10 +18,9 @@ fn smooth_shadow_at(pixel: vec2i) -> vec3f {
     return sum / weight;
 }
 
-// The shadow buffer may be coarser than the picture: its texels count where they lie on
-// the same surface.
+// The shadow buffer may be coarser than the picture: texels on the same surface are interpolated.
 fn shadow_at(pixel: vec2i, position: vec4f) -> vec3f {
-    let step = i32(decided_here(frame.counts.z, position.w));
+    let step = i32(non_uniform(frame.counts.z, position.w));
     if FINE {
         return smooth_shadow_at(pixel);
     }
@@ -48,19 +47,19 @@ fn shadowed(code: vec3f, factor: vec3f, pixel: vec2i) -> vec3f {
     return select(linear * factor, max(linear - lacking, vec3f(0.0)), frame.counts.y == 1u);
 }
 
-// The range of what is shown on both sides of a real edge near `pixel`; empty (low > high)
-// where there is none. A texel is certain where no edge is close by.
+// Range of the values shown on both sides of a real edge near `pixel`; empty (low > high) without
+// such an edge. Only texels without an edge near them count.
 struct Range {
     low: vec3f,
     high: vec3f,
 }
 
-// Key of the surface across a real edge near `pixel`, its own at the rim of a real shadow;
-// -1 where there is no edge, or one that makes no difference.
+// Key of the surface across a real edge near `pixel`, or the pixel's own key at the rim of a real
+// shadow; -1 without an edge, or if the edge makes no difference.
 fn across_real_edge(pixel: vec2i, own: vec4f, last: vec2i) -> f32 {
     var other = -1.0;
     for (var k = 0; k < 16; k++) {
-        let r = DOUBT * select(1.0, 0.5, k >= 8);
+        let r = EDGE_ERROR * select(1.0, 0.5, k >= 8);
         let q = clamp(pixel + vec2i(round(around(k) * r)), vec2i(0), last);
         let there = textureLoad(shadow, q, 0);
         let differs = any(abs(there.rgb - own.rgb) > vec3f(0.15));
@@ -89,19 +88,19 @@ fn beside_edge(pixel: vec2i) -> Range {
     var on_own = false;
     var across = false;
     for (var k = 0; k < 16; k++) {
-        let r = DOUBT * select(1.5, 2.5, k >= 8);
+        let r = EDGE_ERROR * select(1.5, 2.5, k >= 8);
         let q = clamp(pixel + vec2i(round(around(k) * r)), vec2i(0), last);
         let there = textureLoad(shadow, q, 0);
         let key = key_of(there.a);
         let counts = ((key == key_of(own.a)) | (key == other)) && is_certain(q, there, last);
         let linear = linear_of(textureLoad(camera, q, 0).rgb);
-        // On the pixel's own side its own factor counts too: the shadow of something thin,
-        // or in a corner, may lie between the texels looked at.
+        // On the pixel's own side its own factor counts too: the shadow of a thin object, or in a
+        // corner, may lie between the sampled texels.
         let same = !real_edge(own.a, there.a);
-        let least = select(there.rgb, min(there.rgb, own.rgb), same);
-        let most = select(there.rgb, max(there.rgb, own.rgb), same);
-        range.low = select(range.low, min(range.low, linear * least), counts);
-        range.high = select(range.high, max(range.high, linear * most), counts);
+        let lowest = select(there.rgb, min(there.rgb, own.rgb), same);
+        let highest = select(there.rgb, max(there.rgb, own.rgb), same);
+        range.low = select(range.low, min(range.low, linear * lowest), counts);
+        range.high = select(range.high, max(range.high, linear * highest), counts);
         on_own |= counts & (key == key_of(own.a));
         across |= counts & (key == other);
     }

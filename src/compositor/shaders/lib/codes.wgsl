@@ -1,11 +1,11 @@
-// The camera's response, both ways. A uniform buffer: software drivers load from one at a
-// fraction of a texture's cost.
+// The camera's response curve, in both directions. In a uniform buffer, from which software drivers
+// load at a fraction of a texture's cost.
 
 struct Codes {
-    // Linear value by code, four a vector.
+    // Linear value by code, four per vector.
     decoding: array<vec4f, 64>,
-    // Code by the square root of the linear value: finely enough (an eighth of a code per
-    // entry) that the nearest entry will do.
+    // Code by the square root of the linear value, an eighth of a code per entry, so that no
+    // interpolation is needed.
     encoding: array<vec4f, ENCODING_VECTORS>,
 }
 

@@ -1,24 +1,24 @@
-// Compact sources that levels of the radiance maps leave out: mirrored by the BRDF itself.
-// Twin of `penumbra_lighting::compact_source_specular::mirrored`.
+// Specular reflection of compact sources that mip levels of the radiance map leave out, by
+// evaluating the BRDF. Twin of `penumbra_lighting::compact_source_specular::reflected`.
 
 struct CompactSource {
-    // w = radius of its disc, radians.
+    // w = radius of the source's disc, radians.
     direction: vec4f,
-    // Irradiance on a surface that faces it.
+    // Irradiance on a surface facing the source.
     flux: vec4f,
-    // Share of it that levels 0 to 7 leave out.
+    // Fraction of the flux that mip levels 0 to 7 leave out.
     weights: array<vec4f, 2>,
 }
 
 struct CompactSources {
-    // x: number of them.
+    // x: number of sources.
     count: vec4u,
     each: array<CompactSource, MAX_COMPACT_SOURCES>,
 }
 
 @group(3) @binding(5) var<uniform> compact_sources: CompactSources;
 
-// The lobe widened by a source's disc: its peak is the mean over the disc.
+// Widens the lobe by a source's disc, so that its peak is the mean over the disc.
 fn widened_by_disc(g: Gloss, v: vec3f, l: vec3f, radius: f32) -> Gloss {
     var wide = g;
     let r2 = radius * radius * 0.25;
@@ -27,24 +27,25 @@ fn widened_by_disc(g: Gloss, v: vec3f, l: vec3f, radius: f32) -> Gloss {
         wide.parameter = log2(e / (1.0 + e * r2) + 1.0) / 14.0;
         return wide;
     }
-    // Half vectors of a disc: half as far apart, farther across the plane of view.
+    // Half vectors of a disc: half as far apart, and wider perpendicular to the plane of incidence.
     let v_dot_h2 = max(0.5 + 0.5 * dot(v, l), 0.01);
     let a2 = g.width * g.width;
     wide.width = sqrt(sqrt((a2 + r2) * (a2 + r2 / v_dot_h2)));
     return wide;
 }
 
-// Radiance that a surface mirrors of them; `level` is that of its map.
+// Radiance that a surface reflects from compact sources; `level` is the mip level of its map.
 fn compact_source_specular(n: vec3f, v: vec3f, gloss: Gloss, level: f32) -> vec3f {
     let off = vec4f(level) - vec4f(0.0, 1.0, 2.0, 3.0);
     let low = max(vec4f(1.0) - abs(off), vec4f(0.0));
     let high = max(vec4f(1.0) - abs(off - vec4f(4.0)), vec4f(0.0));
     var sum = vec3f(0.0);
-    let count = decided_here(compact_sources.count.x, level);
+    let count = non_uniform(compact_sources.count.x, level);
     if count == 0u {
         return sum;
     }
-    // It ends with its condition, because software drivers else run its body once more.
+    // The loop tests its condition at the end: software drivers would otherwise run its body once
+    // more.
     var k = 0u;
     loop {
         let l = compact_sources.each[k].direction.xyz;

@@ -1,11 +1,11 @@
-// Catmull and Rom's weights (1974) of four neighbours, `t` past the second.
+// Catmull-Rom weights (1974) of four neighbours, at `t` past the second.
 fn cubic(t: f32) -> vec4f {
     let t2 = t * t;
     let t3 = t2 * t;
     return 0.5 * vec4f(2.0 * t2 - t - t3, 2.0 - 5.0 * t2 + 3.0 * t3, t + 4.0 * t2 - 3.0 * t3, t3 - t2);
 }
 
-// A picture between its pixels, as its codes.
+// Interpolates a picture between its pixels, in code values.
 fn smooth_at(picture: texture_2d<f32>, at: vec2f) -> vec3f {
     let corner = floor(at);
     let across = cubic(at.x - corner.x);

@@ -1,15 +1,15 @@
-// Which of the camera's codes are clipped, and the table of sums that says what is around them.
-// Twin of `exposure::gpu_data`.
+// Clipping of the camera's codes, and the table of sums for the means of regions. Twin of
+// `exposure::gpu_data`.
 
 struct Exposure {
-    // x: factor on linear light. y: blocks that a region reaches beyond its middle one, each
-    // way; z: the share of the next ring of blocks that counts, too. w: how much of the estimate
-    // of clipped light counts.
+    // x: factor on linear light. y: blocks from the region's middle block to its border, per axis;
+    // z: weight of the next ring of blocks. w: weight of the estimate of clipped light.
     change: vec4f,
-    // x: blocks of what is close by, each way. y: 1 where every pixel's factor rises with the mean of
-    // its region, as in the paper.
+    // x: blocks of the small neighbourhood, per axis. y: 1 where every pixel's factor rises with
+    // the mean of its region, as in the paper.
     near: vec4f,
-    // By the camera's code: linear light in the exposure, as half floats keep it, and its code.
+    // By the camera's code: linear light in the new exposure, at half-float precision, and its
+    // code.
     linear: array<vec4f, 64>,
     codes: array<vec4f, 64>,
 }
@@ -17,7 +17,7 @@ struct Exposure {
 // Side of a block, pixels, as a power of two.
 const BLOCK_LOG = 2u;
 
-// 0 where a channel's code tells the light, 1 where it may stand for any light from white up.
+// 0 where a channel's code determines the light, 1 where it may stand for any light from white up.
 // Noise and compression leave codes below the highest in clipped areas.
 fn clipped(code: vec3f) -> vec3f {
     return clamp((code * 255.0 - CLIPPED_FROM) / (CLIPPED_TO - CLIPPED_FROM), vec3f(0.0), vec3f(1.0));

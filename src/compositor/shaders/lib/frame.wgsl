@@ -1,4 +1,4 @@
-// What every pass knows of this frame. Twin of `gpu_data::FrameUniform` and
+// Values of the frame that all passes share. Twin of `gpu_data::FrameUniform` and
 // `gpu_data::LightUniform`.
 
 struct Frame {
@@ -15,41 +15,43 @@ struct Frame {
     clip_from_world: mat4x4f,
     // Irradiance polynomial of the environment without its compact sources.
     harmonics: array<vec4f, 9>,
-    // Number of lights, shadow mode, step of the shadow buffer in pixels, highest mip of the radiance map.
+    // Number of lights, shadow mode, step of the shadow buffer in pixels, highest mip of the
+    // radiance map.
     counts: vec4u,
-    // Shadow strength, ground height (metres), 1 where there is a ground, highest mip of the surroundings.
+    // Shadow strength, ground height (metres), 1 where there is a ground, highest mip of the
+    // surroundings.
     params: vec4f,
-    // Radiance of the ground where the picture does not show it; w = factor of the exposure, 1 as
-    // the camera took it.
+    // Radiance of the ground where the picture does not show it; w = factor of the exposure, 1 for
+    // the camera's own.
     ground: vec4f,
-    // Lights per bit of a tile's mask, side of a tile in picture pixels, logarithms of the
-    // shadow buffer's step and of the tile's side: software drivers divide whole numbers lane by lane, so nothing
-    // that runs per pixel or per light does.
+    // Lights per bit of a tile's mask, side of a tile in picture pixels, logarithms of the shadow
+    // buffer's step and of the tile's side: software drivers divide integers lane by lane, so code
+    // that runs per pixel or per light shifts instead.
     tiling: vec4u,
-    // Region around the virtual objects, world; w of the first = 1 where it is lit.
+    // Region around the virtual objects, world; w of the first = 1 if it has indirect light.
     indirect_low: vec4f,
     indirect_high: vec4f,
-    // What shadowing planes of the real layer cover, world; w of the first = 1 where planes
-    // are the technique.
+    // Bounds of the shadowing planes of the real layer, world; w of the first = 1 if shadowing
+    // planes are the technique.
     planes_low: vec4f,
     planes_high: vec4f,
-    // To the brightest light of the real scene, times its dominance; w = 1 where real surfaces
-    // answer lamps as in the paper.
+    // Direction to the brightest light of the real scene, times its dominance; w = 1 where real
+    // surfaces respond to lamps as in the paper.
     brightest: vec4f,
-    // A rolling shutter: rotation vector of the camera from one of its own rows to the next, in its
-    // own axes; w = the row that the pose is of.
-    turning: vec4f,
-    // Its way from one row to the next, likewise, metres.
-    moving: vec4f,
-    // Which row that is behind a lens that bends: k1, k2, k3, p1 of the camera's own picture.
-    bending: vec4f,
-    // p2, focal length and principal point down, pixels of that picture, and the squared tangent
-    // up to which the lens' polynomial holds.
+    // A rolling shutter: rotation vector of the camera between successive rows of its own picture,
+    // in its own axes; w = the row at which the pose holds.
+    rotation_per_row: vec4f,
+    // The camera's translation between successive rows, likewise, metres.
+    translation_per_row: vec4f,
+    // Lens distortion of the camera's own picture, to find the row: k1, k2, k3, p1.
+    distortion: vec4f,
+    // p2, focal length and principal point along y, pixels of that picture, and the squared tangent
+    // up to which the distortion polynomial is valid.
     rows: vec4f,
-    // How the camera's own picture fades towards its edge: k1, k2, k3 about a middle; w = 1 / radius².
+    // Vignetting of the camera's own picture: k1, k2, k3 about a centre; w = 1 / radius².
     vignetting: vec4f,
-    // Focal lengths of that picture, and its principal point seen from that middle, pixels.
-    vignetting_from: vec4f,
+    // Focal lengths of that picture, and its principal point relative to that centre, pixels.
+    vignetting_intrinsics: vec4f,
 }
 
 struct Light {
@@ -61,32 +63,32 @@ struct Light {
     phantom_u: vec4f,
     phantom_v: vec4f,
     phantom_d: vec4f,
-    // To the light; w = angular radius, radians.
+    // Direction to the light; w = angular radius, radians.
     direction: vec4f,
-    // RGB irradiance facing it; w = 1 for a compact source, 0 for a cell.
+    // RGB irradiance on a surface facing it; w = 1 for a compact source, 0 for a cell.
     irradiance: vec4f,
     // Texel sizes of both maps, then metres per unit of depth of both.
     scale: vec4f,
 }
 
 @group(0) @binding(0) var<uniform> frame: Frame;
-// A uniform rather than a storage buffer: every pixel of a wave reads the same light, and
-// software drivers load uniforms once for all of them. 64 KiB is what every device has.
+// A uniform rather than a storage buffer: every pixel of a wave reads the same light, and software
+// drivers load uniforms once for all of them. Every device supports 64 KiB.
 @group(0) @binding(1) var<uniform> lights: array<Light, MAX_LIGHTS>;
-// Irradiance by normal (octahedral) of all lights and of the compact ones, unshadowed.
+// Unshadowed irradiance by normal (octahedral): of all lights, and of the compact ones.
 @group(0) @binding(2) var irradiance_of_lights: texture_2d<f32>;
 @group(0) @binding(3) var irradiance_of_compact: texture_2d<f32>;
 @group(0) @binding(4) var table_sampler: sampler;
-// Irradiance from close by on the ground, and on surfaces in the air that face the six
-// axes: what virtual objects change, and beside it along x what phantoms throw, before it and after.
+// Indirect irradiance on the ground, and on surfaces in the air that face the six axes: the change
+// by virtual objects, and beside it along x the light from phantoms without and with them.
 @group(0) @binding(5) var indirect_ground: texture_2d<f32>;
 @group(0) @binding(6) var indirect_volume: texture_3d<f32>;
 
-// `x`, in a way that no compiler takes for a uniform. Mesa's software driver writes the
-// values of uniforms that alone decide a branch or a loop into the shader, and compiles it
-// again whenever the buffer they stand in is written, in every frame: 150 ms each. `here`
-// is any number of this fragment's own, above −1e30.
-fn decided_here(x: u32, here: f32) -> u32 {
+// Returns `x`, in a form that no compiler recognises as uniform. Mesa's software driver compiles
+// the values of uniforms that alone decide a branch or a loop into the shader, and recompiles it
+// whenever their buffer is written, in every frame: 150 ms each. `here` is any number above −1e30
+// that varies between fragments.
+fn non_uniform(x: u32, here: f32) -> u32 {
     return x + select(0u, 1u, here < -1e30);
 }
 
@@ -95,10 +97,10 @@ fn ray_through(pixel: vec2f) -> vec3f {
     return frame.right.xyz * p.x + frame.down.xyz * p.y + frame.forward.xyz;
 }
 
-// Where the camera's own lens puts the direction (p, 1), on the plane z = 1; straight on past
-// what its polynomial holds for.
-fn lens_bent(p: vec2f) -> vec2f {
-    let k = frame.bending;
+// Distorts the direction (p, 1) by the camera's own lens, on the plane z = 1; continues linearly
+// beyond the polynomial's valid range.
+fn distorted(p: vec2f) -> vec2f {
+    let k = frame.distortion;
     let past = sqrt(max(dot(p, p) / frame.rows.w, 1.0));
     let q = p / past;
     let r2 = dot(q, q);
@@ -108,25 +110,25 @@ fn lens_bent(p: vec2f) -> vec2f {
     return (q * radial + aside) * past;
 }
 
-// Row of the camera's own picture, bent by its lens, that shows the direction (p, 1).
+// Row of the camera's own, distorted picture that shows the direction (p, 1).
 fn row_of(p: vec2f) -> f32 {
-    return lens_bent(p).y * frame.rows.y + frame.rows.z;
+    return distorted(p).y * frame.rows.y + frame.rows.z;
 }
 
-// Share of the light in a pixel's direction that the camera shows there: less towards the edge.
+// Vignetting: fraction of the light in a pixel's direction that the camera shows there.
 fn brightness_at(pixel: vec2f) -> f32 {
     if !VIGNETTING {
         return 1.0;
     }
     let p = (pixel - frame.intrinsics.zw) / frame.intrinsics.xy;
-    let away = lens_bent(p) * frame.vignetting_from.xy + frame.vignetting_from.zw;
+    let away = distorted(p) * frame.vignetting_intrinsics.xy + frame.vignetting_intrinsics.zw;
     let q = dot(away, away) * frame.vignetting.w;
     return clamp(1.0 + q * (frame.vignetting.x + q * (frame.vignetting.y + q * frame.vignetting.z)), 0.02, 2.0);
 }
 
-// How far a point of the camera's frame goes before `row` is read.
-fn rolled(p: vec3f, row: f32) -> vec3f {
-    return (row - frame.turning.w) * (frame.moving.xyz + cross(frame.turning.xyz, p));
+// Displacement of a point in camera coordinates until `row` is read.
+fn rolling_displacement(p: vec3f, row: f32) -> vec3f {
+    return (row - frame.rotation_per_row.w) * (frame.translation_per_row.xyz + cross(frame.rotation_per_row.xyz, p));
 }
 
 // Reversed depth with the far plane at infinity: depth = near / z.
@@ -136,7 +138,7 @@ fn world_at(pixel: vec2f, depth: f32) -> vec3f {
     }
     let shown = (pixel - frame.intrinsics.zw) / frame.intrinsics.xy;
     let q = vec3f(shown, 1.0) * (frame.eye.w / depth);
-    let p = q + rolled(q, row_of(shown));
+    let p = q + rolling_displacement(q, row_of(shown));
     return frame.eye.xyz + frame.right.xyz * p.x + frame.down.xyz * p.y + frame.forward.xyz * p.z;
 }
 
@@ -147,19 +149,19 @@ fn pixel_of(world: vec3f) -> vec3f {
     return vec3f(p * frame.intrinsics.xy + frame.intrinsics.zw, z);
 }
 
-// Where a point of the world is drawn. Under a rolling shutter it is seen by the row that its
-// own picture lies in: a fixed point, found in three rounds.
+// Projects a point of the world. Under a rolling shutter the point is seen by the row in which it
+// appears: three fixed-point iterations find it.
 fn clip_of(world: vec4f) -> vec4f {
     if !ROLLING {
         return frame.clip_from_world * world;
     }
     let d = world.xyz - frame.eye.xyz;
     let p = vec3f(dot(d, frame.right.xyz), dot(d, frame.down.xyz), dot(d, frame.forward.xyz));
-    let last = 2.0 * frame.turning.w;
+    let last = 2.0 * frame.rotation_per_row.w;
     var q = p;
     for (var k = 0; k < 3; k++) {
         let row = row_of(q.xy / max(q.z, frame.eye.w));
-        q = p - rolled(p, clamp(row, -last, 2.0 * last));
+        q = p - rolling_displacement(p, clamp(row, -last, 2.0 * last));
     }
     let scale = 2.0 * frame.intrinsics.xy * frame.size.zw;
     let shift = 2.0 * (frame.intrinsics.zw + vec2f(0.5)) * frame.size.zw - vec2f(1.0);

@@ -1,4 +1,4 @@
-// One triangle that covers the target.
+// One triangle that covers the entire target.
 @vertex
 fn cover(@builtin(vertex_index) i: u32) -> @builtin(position) vec4f {
     return vec4f(f32(i32(i & 1u) * 4 - 1), f32(i32(i >> 1u) * 4 - 1), 0.0, 1.0);

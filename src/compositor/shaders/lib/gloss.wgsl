@@ -1,17 +1,17 @@
-// How a surface mirrors: by GGX (metallic-roughness) or by Phong's lobe.
+// Specular lobes of a surface: GGX (metallic-roughness) or Phong's.
 
 struct Gloss {
     // F0 and F90, or Phong's specular colour and zero.
     f0: vec3f,
     f90: f32,
-    // Perceptual roughness; of Phong's lobe log2(exponent + 1) / 14.
+    // Perceptual roughness; for Phong's lobe log2(exponent + 1) / 14.
     parameter: f32,
-    // How wide the lobe is, as GGX's alpha.
+    // Width of the lobe, as GGX's alpha.
     width: f32,
     phong: bool,
 }
 
-// Rows of the gloss table for each family. Twin of `gloss_maps::ROWS`.
+// Rows of the gloss table per family. Twin of `gloss_maps::ROWS`.
 const GLOSS_ROWS = 64.0;
 
 fn gloss_of(shape: vec4u, properties: vec4f, base: vec3f) -> Gloss {
@@ -27,14 +27,14 @@ fn gloss_of(shape: vec4u, properties: vec4f, base: vec3f) -> Gloss {
     return Gloss(f0, f90, roughness, roughness * roughness, false);
 }
 
-// Scale of F0, what is added, tilt of the lobe towards the normal, and level of the map.
+// Row of the gloss table: scale of F0, added term, tilt of the lobe towards the normal, mip level.
 fn gloss_row(g: Gloss) -> f32 {
     let within = clamp(g.parameter, 0.5 / GLOSS_ROWS, 1.0 - 0.5 / GLOSS_ROWS);
     return 0.5 * (within + select(0.0, 1.0, g.phong));
 }
 
-// The unit vector `mirror` turned by the share `tilt` of the way to `n`; twin of
-// `lobes::tilted`.
+// The unit vector `mirror` rotated towards `n` by the fraction `tilt` of the angle between them;
+// twin of `lobes::tilted`.
 fn tilted(mirror: vec3f, n: vec3f, tilt: f32) -> vec3f {
     let cosine = dot(n, mirror);
     let across = n - mirror * cosine;
@@ -42,7 +42,7 @@ fn tilted(mirror: vec3f, n: vec3f, tilt: f32) -> vec3f {
     return normalize(mirror * cos(angle) + across * (sin(angle) / max(length(across), 1e-4)));
 }
 
-// BRDF, without its Fresnel factor, for a light in direction `l`.
+// BRDF for a light in direction `l`.
 fn lobe_towards(g: Gloss, n: vec3f, v: vec3f, l: vec3f) -> vec3f {
     let n_dot_l = max(dot(n, l), 0.0);
     if PHONG && g.phong {
@@ -51,7 +51,7 @@ fn lobe_towards(g: Gloss, n: vec3f, v: vec3f, l: vec3f) -> vec3f {
         let lobe = select(0.0, exp2(e * log2(max(along, 1e-20))), along > 0.0);
         return g.f0 * (lobe * (e + 2.0) * (0.5 / 3.14159265));
     }
-    // A point's image in a mirror is a point; this much blur keeps it from flickering.
+    // The reflection of a point light in a mirror is a point; this blur keeps it from flickering.
     let alpha = max(g.width, 0.01);
     let a2 = alpha * alpha;
     let n_dot_v = max(dot(n, v), 1e-3);

@@ -1,13 +1,14 @@
-// What a lobe mirrors of rectangles: `scale` times what the round lobe about `d` gathers. It is a
-// cosine lobe squeezed to `s` times its width (Heitz et al. 2016), for which Lambert's formula holds
-// after the rectangle was widened as much.
+// The lobe for specular reflection of rectangles: `scale` times the integral over the round lobe
+// about `d`. It is a cosine lobe narrowed to `s` times its width (Heitz et al. 2016), for which
+// Lambert's formula holds after widening the rectangle by 1 / `s`.
 struct RoundLobe {
     scale: vec3f,
     d: vec3f,
     s: f32,
 }
 
-// With GGX's mean cosine; of Phong's, which has no tails, half of the light within the same angle.
+// `s` matches GGX's mean cosine; for Phong's lobe, which has no tails, half of the light within the
+// same angle.
 fn round_lobe(gloss: Gloss, scale: vec3f, d: vec3f) -> RoundLobe {
     let w = gloss.width;
     let ggx = 2.09 * w / (1.0 + 0.82 * w * w);
@@ -15,7 +16,7 @@ fn round_lobe(gloss: Gloss, scale: vec3f, d: vec3f) -> RoundLobe {
     return RoundLobe(scale, d, select(ggx, phong, gloss.phong));
 }
 
-// Radiance that a surface mirrors of one lamp, by the lobe that its map is prefiltered for.
+// Radiance that a surface reflects from one lamp, by the lobe for which its map is prefiltered.
 fn highlight_of_lamp(k: u32, world: vec3f, n: vec3f, v: vec3f, gloss: Gloss) -> vec3f {
     let ray = lamp_ray(k, world);
     let n_dot_l = max(dot(n, ray.to), 0.0);
@@ -23,7 +24,7 @@ fn highlight_of_lamp(k: u32, world: vec3f, n: vec3f, v: vec3f, gloss: Gloss) -> 
     return lobe_towards(gloss, n, v, ray.to) * ray.facing * (n_dot_l * seen);
 }
 
-// The same of all lamps of a tile's mask; the loop is as in `lamp_irradiance`.
+// The same for all lamps of a tile's mask; the loop is as in `lamp_irradiance`.
 fn lamp_highlights(mask: u32, world: vec3f, n: vec3f, v: vec3f, gloss: Gloss, lobe: RoundLobe) -> vec3f {
     if !LAMPED {
         return vec3f(0.0);
@@ -58,7 +59,7 @@ fn widened(v: vec3f, lobe: RoundLobe) -> vec3f {
     return along + (v - along) / lobe.s;
 }
 
-// Mean radiance in the lobe that comes from one lamp.
+// Mean radiance in the lobe from one rectangular lamp.
 fn highlight_of_area(k: u32, world: vec3f, n: vec3f, lobe: RoundLobe) -> vec3f {
     let r = rectangle_of(k);
     let to = r.centre - world;
@@ -67,12 +68,12 @@ fn highlight_of_area(k: u32, world: vec3f, n: vec3f, lobe: RoundLobe) -> vec3f {
     let c = to + r.right + r.up;
     let d = to - r.right + r.up;
     let share = form_factor(widened(a, lobe), widened(b, lobe), widened(c, lobe), widened(d, lobe), lobe.d);
-    // Of the rectangle what is above the surface, by the heights of its corners.
+    // Fraction of the rectangle above the surface, from the heights of its corners.
     let high = vec4f(dot(n, a), dot(n, b), dot(n, c), dot(n, d));
     let highest = max(max(high.x, high.y), max(high.z, high.w));
     let lowest = min(min(high.x, high.y), min(high.z, high.w));
     let above = clamp(highest / max(highest - lowest, 1e-9), 0.0, 1.0);
-    // Where the lobe's axis meets the plane of the rectangle, and how wide the lobe is there.
+    // Where the lobe's axis meets the rectangle's plane, and the lobe's width there.
     let towards = dot(lobe.d, r.normal);
     let away = clamp(dot(to, r.normal) / select(min(towards, -0.05), max(towards, 0.05), towards > 0.0), 0.0, 1e3);
     let off = lobe.d * away - to;

@@ -1,26 +1,26 @@
-// Lamps that exist in the picture only. Twin of `gpu_data::LampUniform`.
+// Virtual lamps. Twin of `gpu_data::LampUniform`.
 
 struct Lamp {
     // w = number of its shadow maps: none, one, or the six faces of a cube.
     position: vec4f,
-    // Along which a spot shines; w = half angle outside which it is dark.
+    // Axis of a spot; w = half angle outside which it is dark.
     direction: vec4f,
-    // RGB; w = how fast it fades within that angle, 1 / radians; of an area, into how many cells
-    // it is divided for its shadow, each way.
+    // RGB; w = rate of its fall-off within that angle, 1 / radians; for an area, the number of
+    // cells per axis into which it is divided for its shadow.
     intensity: vec4f,
-    // Axes of a single map; w = its first layer, tangent of half its width, width of a
-    // texel one metre away.
+    // Axes of a single map; w = its first layer, tangent of half its width, width of a texel at one
+    // metre.
     right: vec4f,
     up: vec4f,
     forward: vec4f,
-    // Of an area, from its middle to its edges; w = layer of its screen (0: plain), 1 where it
-    // shines to both sides.
+    // For an area, vectors from its centre to its edges; w = layer of its screen (0: plain), 1 if
+    // it emits to both sides.
     half_right: vec4f,
     half_up: vec4f,
 }
 
 struct Lamps {
-    // x: number of them; y: bits of those that are areas.
+    // x: number of lamps; y: bit mask of the area lamps.
     count: vec4u,
     each: array<Lamp, MAX_LAMPS>,
 }
@@ -29,13 +29,13 @@ struct Lamps {
 @group(0) @binding(8) var lamp_maps: texture_depth_2d_array;
 @group(0) @binding(9) var lamp_compare: sampler_comparison;
 
-// Less light than this leaves an 8-bit picture as it is: white shows less than half a code
-// in the dark, times π.
+// Light below this does not change an 8-bit picture: it is π times the radiance at which white
+// shows less than half a code in the dark.
 const LAMP_FAINT = 5e-4;
 // Depth in a lamp's map is this, metres, over the distance.
 const LAMP_NEAR = 1e-3;
 
-// To lamp `k` from a point: unit vector, and the irradiance facing it without shadows.
+// Towards lamp `k` from a point: unit vector, and the unshadowed irradiance facing the lamp.
 struct LampRay {
     to: vec3f,
     facing: vec3f,
@@ -50,7 +50,7 @@ fn lamp_ray(k: u32, world: vec3f) -> LampRay {
     return LampRay(to, lamps.each[k].intensity.rgb * (share / r2));
 }
 
-// Where a point falls in the maps of a lamp.
+// Position of a point in the maps of a lamp.
 struct OnMap {
     // −1 to 1 from the left and from below.
     q: vec2f,
@@ -58,18 +58,18 @@ struct OnMap {
     depth: f32,
     layer: u32,
     mapped: bool,
-    // The surface's normal by the view's right, up and forward, and its plane's distance.
+    // The surface's normal in the view's axes right, up and forward, and its plane's distance.
     normal: vec3f,
     plane: f32,
 }
 
-// Of a point `off` from where lamp `k` looks.
+// Maps the point `off`, relative to the viewpoint of lamp `k`.
 fn on_map(k: u32, off: vec3f, n: vec3f, n_dot_l: f32) -> OnMap {
     let a = abs(off);
     let cube = lamps.each[k].position.w > 1.5;
     let major = max(a.x, max(a.y, a.z));
     let z = select(dot(off, lamps.each[k].forward.xyz), major, cube);
-    // As in `lifted`: off the surface by the texel it may share with its own caster.
+    // As in `lifted`: off the surface by the texel that it may share with its own caster.
     let slope = sqrt(max(1.0 - n_dot_l * n_dot_l, 0.0));
     let p = off + n * (lamps.each[k].forward.w * max(z, 0.0) * (1.0 + 2.0 * slope));
     // Faces +X −X +Y −Y +Z −Z, each with the next two axes as right and up.
@@ -90,8 +90,8 @@ fn on_map(k: u32, off: vec3f, n: vec3f, n_dot_l: f32) -> OnMap {
     return OnMap(q, depth, u32(lamps.each[k].right.w) + face, mapped, normal, dot(n, p));
 }
 
-// 1 where lamp `k` sees the point of a surface with normal `n`, 0 where a caster is
-// between, something between along the shadow's edge.
+// 1 where lamp `k` sees the point of a surface with normal `n`, 0 behind a caster, a value between
+// along the shadow's edge.
 fn lamp_visibility(k: u32, world: vec3f, n: vec3f, n_dot_l: f32) -> f32 {
     let there = on_map(k, world - lamps.each[k].position.xyz, n, n_dot_l);
     let uv = vec2f(0.5 + 0.5 * there.q.x, 0.5 - 0.5 * there.q.y);
@@ -99,7 +99,7 @@ fn lamp_visibility(k: u32, world: vec3f, n: vec3f, n_dot_l: f32) -> f32 {
     return select(1.0, seen, there.mapped);
 }
 
-// Four look-ups half a texel around: as wide as a texel's own blur again.
+// Averages four look-ups at half a texel, which doubles the width of a texel's own blur.
 fn lamp_seen(uv: vec2f, layer: u32, depth: f32) -> f32 {
     if SOFT == 1 {
         return textureSampleCompareLevel(lamp_maps, lamp_compare, uv, layer, depth);
@@ -113,7 +113,7 @@ fn lamp_seen(uv: vec2f, layer: u32, depth: f32) -> f32 {
     return sum * 0.25;
 }
 
-// Irradiance from one lamp; its shadow as strong as the frame wants it.
+// Irradiance from one lamp, with its shadow at the frame's shadow strength.
 fn irradiance_of_lamp(k: u32, world: vec3f, n: vec3f) -> vec3f {
     let ray = lamp_ray(k, world);
     let n_dot_l = max(dot(n, ray.to), 0.0);
@@ -121,8 +121,9 @@ fn irradiance_of_lamp(k: u32, world: vec3f, n: vec3f) -> vec3f {
     return ray.facing * (n_dot_l * mix(1.0, seen, frame.params.x));
 }
 
-// Irradiance from the lamps of a tile's mask. The loop ends with its condition, because software
-// drivers else run its body once more, and goes once through a lamp of no weight without any.
+// Irradiance from the lamps of a tile's mask. The loop tests its condition at the end, because
+// software drivers would otherwise run its body once more; an empty mask runs it once with weight
+// 0.
 fn lamp_irradiance(mask: u32, world: vec3f, n: vec3f) -> vec3f {
     if !LAMPED {
         return vec3f(0.0);
@@ -152,12 +153,12 @@ fn lamp_irradiance(mask: u32, world: vec3f, n: vec3f) -> vec3f {
     return sum;
 }
 
-// Number of the lowest bit; of none, 0.
+// Index of the lowest set bit; 0 if no bit is set.
 fn first_lamp(mask: u32) -> u32 {
     return select(0u, firstTrailingBit(mask), mask != 0u);
 }
 
-// The mask of lamps of the tile that a pixel of the picture lies in.
+// The lamp mask of the tile that contains a pixel of the picture.
 fn lamps_at(tiles: texture_2d<u32>, pixel: vec2i) -> u32 {
     if !LAMPED {
         return 0u;
@@ -165,12 +166,12 @@ fn lamps_at(tiles: texture_2d<u32>, pixel: vec2i) -> u32 {
     return textureLoad(tiles, vec2u(pixel) >> vec2u(frame.tiling.w), 0).x;
 }
 
-// Half the diagonal of an area; 0 of other lamps.
+// Bound on half the diagonal of an area; 0 for other lamps.
 fn lamp_radius(k: u32) -> f32 {
     return length(lamps.each[k].half_right.xyz) + length(lamps.each[k].half_up.xyz);
 }
 
-// Whether lamp `k` may shine on something in a box: by distance and by a spot's cone.
+// Whether lamp `k` may light anything in a box: by distance and by a spot's cone.
 fn lamp_reaches(k: u32, low: vec3f, high: vec3f) -> bool {
     let centre = 0.5 * (low + high);
     let radius = 0.5 * distance(low, high);

@@ -1,9 +1,9 @@
-// Texels of the light buffer, 16 bytes: irradiance and distance as half floats, then the
-// octahedral normal. One load gives all that an edge-aware filter needs.
+// Texels of the light buffer, 16 bytes: irradiance and distance as half floats, then the octahedral
+// normal. One load returns all that an edge-aware filter needs.
 
 struct LightTexel {
     irradiance: vec3f,
-    // Metres along the view; 0 where nothing virtual is.
+    // Metres along the view; 0 without a virtual surface.
     z: f32,
     normal: vec3f,
 }

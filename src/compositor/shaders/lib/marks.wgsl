@@ -1,4 +1,4 @@
-// Which texels of the shadow buffer there is work for, on real and on virtual surfaces.
+// Marks the texels of the shadow buffer that need work, on real and on virtual surfaces.
 
 @group(2) @binding(0) var phantom_normal: texture_2d<f32>;
 @group(2) @binding(1) var phantom_depth: texture_depth_2d;
@@ -10,8 +10,8 @@
 @group(2) @binding(7) var phantom_lamps: texture_2d<u32>;
 @group(2) @binding(8) var virtual_lamps: texture_2d<u32>;
 
-// Texels with work to do are marked in a depth buffer first, and the work is drawn against
-// it: software drivers run both sides of every branch, but leave out what fails the test.
+// Texels that need work are first marked in a depth buffer, and the work is drawn with a depth
+// test: software drivers run both sides of every branch, but skip fragments that fail the test.
 const MARK = 1.0;
 
 @vertex
@@ -19,24 +19,23 @@ fn behind_marks(@builtin(vertex_index) i: u32) -> @builtin(position) vec4f {
     return vec4f(f32(i32(i & 1u) * 4 - 1), f32(i32(i >> 1u) * 4 - 1), 0.5 * MARK, 1.0);
 }
 
-// Real surfaces in tiles that some light may be missing from.
+// Marks real surfaces in tiles that may lose some light.
 @fragment
 fn mark_phantoms(@builtin(position) at: vec4f) -> @builtin(frag_depth) f32 {
     let pixel = vec2i(at.xy) * i32(frame.counts.z);
     let there = textureLoad(phantom_normal, pixel, 0).z == 1.0;
-    let wanted = any(textureLoad(phantom_tiles, tile_of(pixel), 0).xy != vec2u(0u));
-    return select(0.0, MARK, there & wanted);
+    let loses_light = any(textureLoad(phantom_tiles, tile_of(pixel), 0).xy != vec2u(0u));
+    return select(0.0, MARK, there & loses_light);
 }
 
-// Texels of which virtual surfaces cover a part.
+// Marks texels that virtual surfaces cover at least partly.
 @fragment
 fn mark_virtual(@builtin(position) at: vec4f) -> @builtin(frag_depth) f32 {
-    let step = i32(decided_here(frame.counts.z, at.w));
+    let step = i32(non_uniform(frame.counts.z, at.w));
     return select(0.0, MARK, covered_sample(vec2i(at.xy) * step, step).z >= 0);
 }
 
-// First covered sample in the block of pixels that this texel stands for:
-// x, y = pixel, z = sample; z < 0 = none.
+// First covered sample in the texel's block of pixels: x, y = pixel, z = sample; z < 0 = none.
 fn covered_sample(corner: vec2i, step: i32) -> vec3i {
     let last = select(-1, step * step * SAMPLES - 1, tile_is_covered(tile_of(corner)));
     for (var i = 0; i <= last; i++) {

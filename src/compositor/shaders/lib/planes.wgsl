@@ -1,5 +1,5 @@
-// Shadowing planes in the picture: each point of a surface is taken along the normals of the
-// planes of its layer back to their sums of basis images.
+// Applies shadowing planes to the picture: projects each point of a surface along the normals of
+// its layer's planes to their sums of basis images.
 
 struct ShownPlane {
     // Rows of an affine map from the world: texture coordinates u, v (0 to 1 across the
@@ -7,24 +7,24 @@ struct ShownPlane {
     u: vec4f,
     v: vec4f,
     behind: vec4f,
-    // Away from what it covers; w = depth of its slab, metres.
+    // Away from the surface that the plane covers; w = depth of its slab, metres.
     normal: vec4f,
-    // Layer of the textures; 1 where the receiver is the plane itself; 0; 0.
+    // Layer of the textures; 1 if the receiver is the plane itself; 0; 0.
     kind: vec4u,
-    // Texels a metre (the finer plane counts more), share of the rectangle that fades out
-    // at its border, tolerance of depth in metres, 0.
+    // Texels per metre (finer planes weigh more), fraction of the rectangle that fades out at its
+    // border, tolerance of depth in metres, 0.
     scale: vec4f,
 }
 
 struct ShownPlanes {
-    // Planes of the real layer, then all; unused.
+    // Number of planes of the real layer, number of all planes; unused.
     count: vec4u,
     each: array<ShownPlane>,
 }
 
 @group(1) @binding(0) var<storage, read> shown: ShownPlanes;
-// Of the light that the dome throws on an open surface: what arrives past all casters, and in
-// alpha the receiver's depth in the slab; and what arrives past phantoms alone.
+// Fractions of the dome's light on an open surface: past all casters (alpha: the receiver's depth
+// in the slab), and past phantoms alone.
 @group(1) @binding(1) var share_all: texture_2d_array<f32>;
 @group(1) @binding(2) var share_real: texture_2d_array<f32>;
 @group(1) @binding(3) var plane_sampler: sampler;
@@ -34,7 +34,8 @@ struct Shares {
     real: vec3f,
 }
 
-// How well plane `k` stands for a point; z = 0 where not at all. x, y = where on it.
+// How well plane `k` represents a point: x, y = coordinates on the plane, z, w = weights; z = 0 if
+// it does not represent it.
 fn fit_of(k: u32, world: vec3f, n: vec3f) -> vec4f {
     let p = vec4f(world, 1.0);
     let uv = vec2f(dot(shown.each[k].u, p), dot(shown.each[k].v, p));
@@ -47,11 +48,11 @@ fn fit_of(k: u32, world: vec3f, n: vec3f) -> vec4f {
     return vec4f(uv, select(0.0, inside, within && facing > 0.0), squared * squared);
 }
 
-// Weight of plane `k` for the point where `fit` says it stands, when the receiver there is
+// Weight of plane `k` for the point with the given `fit`, where the receiver lies at the fraction
 // `depth` of the slab behind the plane.
 fn weight_of(k: u32, world: vec3f, fit: vec4f, depth: f32) -> f32 {
     let off = abs(dot(shown.each[k].behind, vec4f(world, 1.0)) - depth * shown.each[k].normal.w);
-    // What lies behind the first surface is another plane's business, where there is one.
+    // Surfaces behind the first are left to another plane, if there is one.
     let tolerance = shown.each[k].scale.z;
     let hit = 1.0 - smoothstep(tolerance, 3.0 * tolerance, off);
     let matches = select(max(hit, 1e-3 * tolerance / (tolerance + off)), 1.0, shown.each[k].kind.y == 1u);
@@ -59,8 +60,7 @@ fn weight_of(k: u32, world: vec3f, fit: vec4f, depth: f32) -> f32 {
     return fit.z * (fit.w + 1e-6) * matches * fine * fine;
 }
 
-// Weighted means over the planes of the real layer. Where none stands for the point nothing
-// is known to be dark.
+// Weighted means over the planes of the real layer. Points that no plane covers are unshadowed.
 fn real_shares(world: vec3f, n: vec3f) -> Shares {
     var sum = Shares(vec3f(0.0), vec3f(0.0));
     var weight = 0.0;

@@ -1,9 +1,9 @@
-// Where the samples of a pixel lie. Light and shadow are worked out there and not at the
-// pixel's middle: the depth of a slanting surface belongs to its sample, and taken to the
-// middle it is a point under the surface, in its own shadow.
+// Positions of the samples of a pixel. Light and shadow are computed there and not at the pixel's
+// centre: the depth of a slanted surface belongs to its sample; moved to the centre, it is a point
+// under the surface, in its own shadow.
 
-// WebGPU's standard places: eighths of a pixel, (−1, −3), (3, −1), (−3, 1), (1, 3).
-fn sample_place(pixel: vec2i, s: i32) -> vec2f {
+// WebGPU's standard positions: eighths of a pixel, (−1, −3), (3, −1), (−3, 1), (1, 3).
+fn sample_position(pixel: vec2i, s: i32) -> vec2f {
     if SAMPLES == 1 {
         return vec2f(pixel);
     }

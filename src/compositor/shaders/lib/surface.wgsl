@@ -1,13 +1,13 @@
-// Samples of virtual surfaces, packed into two targets: software drivers pay for each
-// target, sample by sample, and passes load no more than they need.
+// Samples of virtual surfaces, packed into two targets: software drivers pay for each target per
+// sample, and each pass loads only the targets that it needs.
 
 struct PackedSurface {
-    // Base colour, 8 bits each by its square root, and 8 bits of what is there: nothing, 255
-    // metallic-roughness, else Phong's lobe with that occlusion; the octahedral normal, 16
-    // bits each.
+    // Square root of the base colour, 8 bits per channel, and the kind in 8 bits: 0 nothing, 255
+    // metallic-roughness, else Phong's lobe with that occlusion; then the octahedral normal, 16
+    // bits per component.
     @location(0) shape: vec4u,
-    // Metallic, roughness, specular, occlusion, 8 bits each, or of Phong's lobe the specular
-    // colour by its square root, and log2(exponent + 1) / 14; emissive.
+    // Metallic, roughness, specular, occlusion, 8 bits each, or for Phong's lobe the square root of
+    // the specular colour and log2(exponent + 1) / 14; emissive.
     @location(1) material: vec4u,
 }
 
@@ -29,7 +29,7 @@ fn is_surface(shape: vec4u) -> bool {
     return shape.y > 255u;
 }
 
-// Occlusion as a kind of surface: 1 to 127 of 255.
+// Encodes occlusion as the kind of a Phong surface: 1 to 127 of 255.
 fn phong_kind(occlusion: f32) -> f32 {
     return (1.0 + 126.0 * clamp(occlusion, 0.0, 1.0)) / 255.0;
 }
@@ -43,7 +43,7 @@ fn occlusion_of(shape: vec4u, properties: vec4f) -> f32 {
     return select(properties.w, (kind - 1.0) / 126.0, PHONG && kind < 128.0);
 }
 
-// Share of the base colour that is diffuse.
+// Fraction of the base colour that is diffuse.
 fn diffuse_share(shape: vec4u, properties: vec4f) -> f32 {
     return select(1.0 - properties.x, 1.0, PHONG && is_phong(shape));
 }
@@ -57,8 +57,8 @@ fn octahedron(shape: vec4u) -> vec2f {
     return unpack2x16snorm(shape.z | (shape.w << 16u));
 }
 
-// `properties`: as they are packed. Emissive has 8 bits each and a
-// power of two in common (Ward 1991).
+// `properties`: as stored in `PackedSurface`. Emissive has 8 bits per channel and a shared exponent
+// (Ward 1991).
 fn packed_material(properties: vec4f, emissive: vec3f) -> vec4u {
     let brightest = max(max(emissive.r, emissive.g), emissive.b);
     let exponent = clamp(ceil(log2(max(brightest, 1e-30))), -64.0, 63.0);

@@ -1,4 +1,4 @@
-// How much of a dome light reaches a point.
+// Visibility of a dome light from a point.
 
 @group(1) @binding(0) var virtual_maps: texture_depth_2d_array;
 @group(1) @binding(1) var phantom_maps: texture_depth_2d_array;
@@ -8,9 +8,8 @@ fn inside(uv: vec2f) -> bool {
     return all(abs(uv - vec2f(0.5)) < vec2f(0.5));
 }
 
-// A point of a surface that is in the map itself is lifted off it along the normal by the
-// texel it might share with its own caster; otherwise surfaces shadow themselves in
-// stripes.
+// A point of a surface that is in the map itself is lifted along the normal by the size of the
+// texel that it might share with its own caster; otherwise surfaces shadow themselves in stripes.
 fn lifted(world: vec3f, n: vec3f, n_dot_l: f32, texel: f32, own: f32) -> vec4f {
     if own == 0.0 {
         return vec4f(world, 1.0);
@@ -19,17 +18,17 @@ fn lifted(world: vec3f, n: vec3f, n_dot_l: f32, texel: f32, own: f32) -> vec4f {
     return vec4f(world + n * (texel * (0.5 + 1.5 * slope)), 1.0);
 }
 
-// Points of a disc, evenly spread (Vogel 1979), turned by the angle whose cosine and sine
-// are `turn`: compilers work out all but the turning once and for all.
-fn disc(k: i32, count: i32, turn: vec2f) -> vec2f {
+// Evenly distributed points of a disc (Vogel 1979), rotated by the angle of cosine and sine
+// `rotation`: compilers precompute all but the rotation.
+fn disc(k: i32, count: i32, rotation: vec2f) -> vec2f {
     let angle = 2.39996323 * f32(k);
     let p = sqrt((f32(k) + 0.5) / f32(count)) * vec2f(cos(angle), sin(angle));
-    return vec2f(p.x * turn.x - p.y * turn.y, p.x * turn.y + p.y * turn.x);
+    return vec2f(p.x * rotation.x - p.y * rotation.y, p.x * rotation.y + p.y * rotation.x);
 }
 
-// A shadow map's coordinates around a point of a surface: the point, and how far along
-// each axis (u, v, depth) one metre across the light goes on the surface's plane.
-struct Footing {
+// Shadow-map coordinates around a point of a surface: the point, and the change of each coordinate
+// (u, v, depth) per metre along the surface's plane, measured across the light.
+struct MapPoint {
     at: vec3f,
     across: vec2f,
     // Change of depth per unit of u and of v on the plane.
@@ -38,26 +37,26 @@ struct Footing {
     depth: f32,
 }
 
-fn footing(u: vec4f, v: vec4f, d: vec4f, p: vec4f, n: vec3f, depth: f32) -> Footing {
+fn map_point(u: vec4f, v: vec4f, d: vec4f, p: vec4f, n: vec3f, depth: f32) -> MapPoint {
     let across = vec2f(length(u.xyz), length(v.xyz));
-    // The normal by the map's axes; a plane's depth changes by -n_u/n_d, -n_v/n_d.
+    // The normal in the map's axes; a plane's depth changes by -n_u/n_d, -n_v/n_d.
     let m = vec3f(dot(u.xyz, n) / across.x, dot(v.xyz, n) / across.y, dot(d.xyz, n) * depth);
     let steep = select(m.z, -1e-3, abs(m.z) < 1e-3);
     let slope = clamp(-m.xy / steep, vec2f(-4.0), vec2f(4.0)) / (depth * across);
-    return Footing(vec3f(dot(u, p), dot(v, p), dot(d, p)), across, slope, depth);
+    return MapPoint(vec3f(dot(u, p), dot(v, p), dot(d, p)), across, slope, depth);
 }
 
-// Share of the light's disc that is in sight: the blockers within the cone of the light
-// tell how far off they are and so how wide the penumbra is, then the map is compared over
-// that width (Fernando 2005).
-fn soft(maps: texture_depth_2d_array, i: u32, f: Footing, turn: vec2f) -> f32 {
+// Visible fraction of the light's disc by percentage-closer soft shadows (Fernando 2005): the mean
+// distance of the blockers within the light's cone gives the penumbra's width, over which the map
+// is then filtered.
+fn soft(maps: texture_depth_2d_array, i: u32, f: MapPoint, rotation: vec2f) -> f32 {
     let spread = tan(lights[i].direction.w);
     let size = vec2f(textureDimensions(maps));
     let widest = spread * max(f.at.z, 0.0) * f.depth * f.across;
     var blockers = 0.0;
     var sum = 0.0;
     for (var k = 0; k < SOFT; k++) {
-        let o = disc(k, SOFT, turn) * widest;
+        let o = disc(k, SOFT, rotation) * widest;
         let uv = f.at.xy + o;
         let texel = clamp(vec2i(uv * size), vec2i(0), vec2i(size) - vec2i(1));
         let z = textureLoad(maps, texel, i, 0);
@@ -73,7 +72,7 @@ fn soft(maps: texture_depth_2d_array, i: u32, f: Footing, turn: vec2f) -> f32 {
     let width = max(spread * (sum / blockers) * f.depth * f.across, vec2f(0.7) / size);
     var seen = 0.0;
     for (var k = 0; k < SOFT; k++) {
-        let o = disc(k, SOFT, turn) * width;
+        let o = disc(k, SOFT, rotation) * width;
         let uv = f.at.xy + o;
         let d = clamp(f.at.z + dot(f.slope, o), 0.0, 1.0);
         seen += select(1.0, textureSampleCompareLevel(maps, compare, uv, i, d), inside(uv));
@@ -88,8 +87,8 @@ fn hard(maps: texture_depth_2d_array, i: u32, at: vec3f) -> f32 {
     return textureSampleCompareLevel(maps, compare, at.xy, i, clamp(at.z, 0.0, 1.0));
 }
 
-// Differs from pixel to pixel and from light to light, the same in every frame.
-fn turn_at(world: vec3f, i: u32) -> vec2f {
+// A rotation that differs between pixels and lights and is the same in every frame.
+fn rotation_at(world: vec3f, i: u32) -> vec2f {
     let angle = 6.2831853 * fract(52.9829189 * fract(dot(pixel_of(world).xy, vec2f(0.06711056, 0.00583715))) + 0.618034 * f32(i));
     return vec2f(cos(angle), sin(angle));
 }
@@ -97,24 +96,23 @@ fn turn_at(world: vec3f, i: u32) -> vec2f {
 // `own` = 1 on virtual surfaces, 0 on others.
 fn virtual_visibility(i: u32, world: vec3f, n: vec3f, n_dot_l: f32, own: f32) -> f32 {
     let p = lifted(world, n, n_dot_l, lights[i].scale.x, own);
-    let f = footing(lights[i].virtual_u, lights[i].virtual_v, lights[i].virtual_d, p, n, lights[i].scale.z);
+    let f = map_point(lights[i].virtual_u, lights[i].virtual_v, lights[i].virtual_d, p, n, lights[i].scale.z);
     if SOFT > 1 {
-        return soft(virtual_maps, i, f, turn_at(world, i));
+        return soft(virtual_maps, i, f, rotation_at(world, i));
     }
     return hard(virtual_maps, i, f.at);
 }
 
-// `own` = 1 on phantoms, 0 on others. A phantom's own surface is kept out of its shadow by
-// a shift along the light, as much as its plane sinks across a texel: a lift off the
-// surface would move the rims of real shadows, by pixels where phantoms are wide and the
-// sun is low.
+// `own` = 1 on phantoms, 0 on others. A shift along the light by the depth change of the surface's
+// plane across a texel prevents self-shadowing: lifting along the normal would move the rims of
+// real shadows by pixels where phantoms are wide and the sun is low.
 fn phantom_visibility(i: u32, world: vec3f, n: vec3f, own: f32) -> f32 {
     let p = vec4f(world, 1.0);
-    var f = footing(lights[i].phantom_u, lights[i].phantom_v, lights[i].phantom_d, p, n, lights[i].scale.w);
-    let sinks = dot(abs(f.slope), vec2f(1.0) / vec2f(textureDimensions(phantom_maps)));
-    f.at.z -= own * (sinks + 0.5 * lights[i].scale.y / max(lights[i].scale.w, 1e-6));
+    var f = map_point(lights[i].phantom_u, lights[i].phantom_v, lights[i].phantom_d, p, n, lights[i].scale.w);
+    let slope = dot(abs(f.slope), vec2f(1.0) / vec2f(textureDimensions(phantom_maps)));
+    f.at.z -= own * (slope + 0.5 * lights[i].scale.y / max(lights[i].scale.w, 1e-6));
     if SOFT > 1 {
-        return soft(phantom_maps, i, f, turn_at(world, i));
+        return soft(phantom_maps, i, f, rotation_at(world, i));
     }
     return hard(phantom_maps, i, f.at);
 }

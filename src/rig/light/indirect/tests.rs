@@ -63,19 +63,19 @@ fn lighting(generation: u64) -> Lighting {
 fn indirect_light_follows_a_moving_part() {
     let none: &PhantomRadiance = &[];
     let scene = scene();
-    let mut station = IndirectLightUpdater::new(&scene, &casters(&scene));
-    let low = |station: &IndirectLightUpdater| station.light().unwrap().low.x;
-    station.update(0.0, &lighting(1), none);
-    let (first, generation) = (low(&station), station.light().unwrap().generation);
+    let mut updater = IndirectLightUpdater::new(&scene, &casters(&scene));
+    let low = |updater: &IndirectLightUpdater| updater.light().unwrap().low.x;
+    updater.update(0.0, &lighting(1), none);
+    let (first, generation) = (low(&updater), updater.light().unwrap().generation);
     let begun = Instant::now();
     for (i, seconds) in [0.2, 0.4, 0.49].into_iter().enumerate() {
-        station.update(seconds, &lighting(2 + i as u64), none);
-        assert_eq!(low(&station), first, "{seconds} s");
+        updater.update(seconds, &lighting(2 + i as u64), none);
+        assert_eq!(low(&updater), first, "{seconds} s");
     }
     // The solution started at 0 s is shown from 0.5 to 1 s and was solved for 0.75 s.
-    station.update(0.5, &lighting(5), none);
+    updater.update(0.5, &lighting(5), none);
     eprintln!("found in {:.0} ms", begun.elapsed().as_secs_f64() * 1e3);
-    let moved = station.light().unwrap();
+    let moved = updater.light().unwrap();
     assert!((moved.low.x - first - 0.3).abs() < 1e-6, "{}", moved.low);
     assert!(moved.generation > generation + 3);
     let mut there = scene.clone();
@@ -88,21 +88,21 @@ fn indirect_light_follows_a_moving_part() {
     let (a, b) = (sum(moved), sum(placed.light().unwrap()));
     assert!(a.distance(b) < 0.01 * b.length(), "{a} {b}");
     // Time starts again.
-    station.update(0.0, &lighting(6), none);
-    station.update(0.5, &lighting(7), none);
-    assert!((low(&station) - first - 0.3).abs() < 1e-6);
+    updater.update(0.0, &lighting(6), none);
+    updater.update(0.5, &lighting(7), none);
+    assert!((low(&updater) - first - 0.3).abs() < 1e-6);
 }
 
 #[test]
 fn indirect_light_of_parts_at_rest_is_solved_once() {
     let none: &PhantomRadiance = &[];
     let scene = scene();
-    let mut station = IndirectLightUpdater::new(&scene, &casters(&scene));
+    let mut updater = IndirectLightUpdater::new(&scene, &casters(&scene));
     // The motion ends after one second.
-    station.update(2.0, &lighting(1), none);
-    station.update(2.5, &lighting(2), none);
-    assert!(station.next.is_none());
-    station.update(3.0, &lighting(2), none);
-    station.update(3.5, &lighting(3), none);
-    assert!(station.next.is_none());
+    updater.update(2.0, &lighting(1), none);
+    updater.update(2.5, &lighting(2), none);
+    assert!(updater.next.is_none());
+    updater.update(3.0, &lighting(2), none);
+    updater.update(3.5, &lighting(3), none);
+    assert!(updater.next.is_none());
 }

@@ -36,19 +36,20 @@ fn light_of(number: i64) -> LightResult {
         faces: None,
     };
     LightResult {
-        of: at(number),
+        picture_arrived_at: at(number),
         state: Some(LightState {
             lighting: Some(Arc::new(lighting)),
             ..LightState::default()
         }),
         took: Duration::from_millis(5),
-        unseen: None,
+        picture_error: None,
         preview: None,
     }
 }
 
-fn shown(force: &ActiveLight) -> Option<i64> {
-    let lighting = force.state.lighting.as_ref()?;
+/// Returns the frame number of the active light.
+fn light_number(active: &ActiveLight) -> Option<i64> {
+    let lighting = active.state.lighting.as_ref()?;
     Some(lighting.captured_at.as_nanos() / 33_000_000)
 }
 
@@ -59,24 +60,24 @@ fn composed(seen: bool, lit_by: i64) -> JournalEntry {
     }))
 }
 
-/// Replays notes, one for each frame from `first` on. Returns the frames whose light was estimated
-/// and, for each frame, the number of the light in which it was composed.
-fn replay(first: i64, notes: &[JournalEntry]) -> (Vec<i64>, Vec<Option<i64>>) {
-    let (mut force, mut held) = (ActiveLight::default(), None);
-    let (mut worked_out, mut lit) = (Vec::new(), Vec::new());
-    for (number, note) in (first..).zip(notes) {
-        see_as_noted(&mut force, &mut held, at(number), *note, || {
-            worked_out.push(number);
+/// Replays journal entries, one for each frame from `first` on. Returns the frames whose light was
+/// estimated and, for each frame, the number of the light in which it was composed.
+fn replay(first: i64, entries: &[JournalEntry]) -> (Vec<i64>, Vec<Option<i64>>) {
+    let (mut active, mut held) = (ActiveLight::default(), None);
+    let (mut estimated, mut lit) = (Vec::new(), Vec::new());
+    for (number, entry) in (first..).zip(entries) {
+        follow_journal(&mut active, &mut held, at(number), *entry, || {
+            estimated.push(number);
             light_of(number)
         });
-        lit.push(shown(&force));
+        lit.push(light_number(&active));
     }
-    (worked_out, lit)
+    (estimated, lit)
 }
 
 #[test]
-fn replay_holds_light_back_until_the_frame_noted_in_the_journal() {
-    let notes = [
+fn replay_holds_light_back_until_the_frame_in_the_journal() {
+    let entries = [
         composed(true, 0),
         composed(true, 0),
         composed(false, 0),
@@ -84,42 +85,42 @@ fn replay_holds_light_back_until_the_frame_noted_in_the_journal() {
         composed(true, 1),
         composed(true, 4),
     ];
-    let (worked_out, lit) = replay(0, &notes);
-    assert_eq!(worked_out, [0, 1, 4, 5]);
+    let (estimated, lit) = replay(0, &entries);
+    assert_eq!(estimated, [0, 1, 4, 5]);
     assert_eq!(lit, [0, 0, 0, 0, 1, 4].map(Some));
 }
 
 #[test]
-fn journals_without_light_notes_use_the_light_of_the_frame_composed_before() {
-    let notes = [
+fn journal_without_light_uses_the_light_of_the_frame_composed_before() {
+    let entries = [
         JournalEntry::Composed(None),
         JournalEntry::Composed(None),
         JournalEntry::Skipped,
         JournalEntry::Composed(None),
         JournalEntry::None,
     ];
-    let (worked_out, lit) = replay(0, &notes);
-    assert_eq!(worked_out, [0, 1, 3, 4]);
+    let (estimated, lit) = replay(0, &entries);
+    assert_eq!(estimated, [0, 1, 3, 4]);
     assert_eq!(lit, [0, 0, 0, 1, 3].map(Some));
 }
 
 /// The recording lacks the light that was active when it began.
 #[test]
 fn recording_of_a_running_rig_synchronises_with_its_journal() {
-    let notes = [
+    let entries = [
         composed(false, 7),
         composed(true, 7),
         composed(false, 7),
         composed(true, 11),
         composed(true, 13),
     ];
-    let (worked_out, lit) = replay(10, &notes);
-    assert_eq!(worked_out, [11, 13, 14]);
+    let (estimated, lit) = replay(10, &entries);
+    assert_eq!(estimated, [11, 13, 14]);
     assert_eq!(lit, [None, Some(11), Some(11), Some(11), Some(13)]);
 }
 
 /// Returns a light updater for a rig without an environment camera, so its estimates find no light.
-fn lighter() -> (LightUpdater, watch::Sender<Settings>) {
+fn updater() -> (LightUpdater, watch::Sender<Settings>) {
     let setup = RigSetup {
         pose: penumbra_config::PoseSource::Tracker,
         calibration: RigDocument::uncalibrated(64, 48).calibration,
@@ -127,24 +128,24 @@ fn lighter() -> (LightUpdater, watch::Sender<Settings>) {
         tags: None,
         calibrated: false,
     };
-    let station = LightEstimator::new(&setup, &Config::default(), &|_| None).unwrap();
-    let (wishes, wished) = watch::channel(Settings::default());
+    let estimator = LightEstimator::new(&setup, &Config::default(), &|_| None).unwrap();
+    let (sender, requested) = watch::channel(Settings::default());
     (
         LightUpdater::new(
-            station,
-            wished,
+            estimator,
+            requested,
             Technique::default(),
             2,
             SceneUpdates::default(),
         ),
-        wishes,
+        sender,
     )
 }
 
-fn seen(number: i64) -> LightRequest {
+fn request(number: i64) -> LightRequest {
     LightRequest {
         seconds: 0.0,
-        ball: crate::light::view::SphereAt::Calibrated,
+        sphere: crate::light::view::SphereAt::Calibrated,
         arrived_at: at(number),
         captured_at: at(number),
         exposure: None,
@@ -163,48 +164,48 @@ fn picture() -> Picture {
 
 #[test]
 fn frames_wait_for_their_own_light_until_one_is_found() {
-    let (lighter, _wishes) = lighter();
-    let mut lights = LightScheduler::beside(lighter).unwrap();
+    let (updater, _sender) = updater();
+    let mut lights = LightScheduler::live(updater).unwrap();
     for number in 0..3 {
-        let note = lights.see(&seen(number), &picture(), JournalEntry::None);
+        let record = lights.schedule(&request(number), &picture(), JournalEntry::None);
         let own = LightRecord {
             seen: true,
             lit_by: Some(at(number)),
         };
-        assert_eq!(note, Some(own));
-        assert_eq!(lights.in_force().of, Some(at(number)));
+        assert_eq!(record, Some(own));
+        assert_eq!(lights.active_light().picture_arrived_at, Some(at(number)));
     }
 }
 
 #[test]
 fn active_light_lets_frames_pass_with_one_estimate_at_a_time() {
-    let (errands, waiting) = bounded(1);
+    let (jobs, waiting) = bounded(1);
     let (done, finished) = bounded(1);
-    let mut beside = LightWorker {
-        errands: Some(errands),
+    let mut worker = LightWorker {
+        jobs: Some(jobs),
         finished,
-        idle: true,
-        spare: Picture::default(),
+        is_idle: true,
+        recycled: Picture::default(),
         thread: None,
     };
-    let mut force = ActiveLight::default();
-    force.enter(light_of(0));
-    let mut see = |number| beside.see(&mut force, &seen(number), &picture());
-    let note = |seen, lit_by| LightRecord {
+    let mut active = ActiveLight::default();
+    active.activate(light_of(0));
+    let mut schedule = |number| worker.schedule(&mut active, &request(number), &picture());
+    let record = |seen, lit_by| LightRecord {
         seen,
         lit_by: Some(at(lit_by)),
     };
     let begun = Instant::now();
-    assert_eq!(see(1), note(true, 0));
-    assert_eq!(see(2), note(false, 0));
-    let errand: LightJob = waiting.try_recv().unwrap();
-    assert_eq!(errand.picture, picture());
-    assert!(done.send((light_of(1), errand)).is_ok());
-    assert_eq!(see(3), note(true, 1));
-    assert_eq!(see(4), note(false, 1));
+    assert_eq!(schedule(1), record(true, 0));
+    assert_eq!(schedule(2), record(false, 0));
+    let job: LightJob = waiting.try_recv().unwrap();
+    assert_eq!(job.picture, picture());
+    assert!(done.send((light_of(1), job)).is_ok());
+    assert_eq!(schedule(3), record(true, 1));
+    assert_eq!(schedule(4), record(false, 1));
     assert!(begun.elapsed() < Duration::from_secs(5));
     // The thread has ended; the light stays active.
     drop((waiting, done));
-    assert_eq!(see(5), note(false, 1));
-    assert_eq!(shown(&force), Some(1));
+    assert_eq!(schedule(5), record(false, 1));
+    assert_eq!(light_number(&active), Some(1));
 }

@@ -1,6 +1,6 @@
-//! File and report of a check.
+//! The result file and the report of a check.
 
-use super::{Measured, Off};
+use super::{CornerError, Measurements};
 use crate::report::{Page, Plot};
 use crate::step::{CalibrationProvenance, Finished};
 use penumbra_rig_model::Header;
@@ -20,24 +20,24 @@ struct Record {
     latency_sigma_ms: Option<f64>,
 }
 
-/// Returns the file, JSON.
-pub(super) fn file(
-    made: &CalibrationProvenance,
+/// Returns the result file, JSON; `None` if a figure cannot be serialised.
+pub(super) fn result_file(
+    provenance: &CalibrationProvenance,
     found: &Finished,
-    measured: &Measured,
+    measured: &Measurements,
 ) -> Option<String> {
     let latency = measured.latency.as_ref().and_then(|l| l.as_ref().ok());
     let reprojection = if measured.has_tracker {
-        measured.tracked
+        measured.by_tracker
     } else {
-        measured.among
+        measured.leave_one_out
     };
     let record = Record {
-        header: found.header("verify", made),
+        header: found.header("verify", provenance),
         figures: found.lines.clone(),
         reprojection_px: reprojection.map(|r| r.rms),
         reprojection_sigma_px: reprojection.map(|r| r.sigma),
-        among_markers_px: measured.among.map(|r| r.rms),
+        among_markers_px: measured.leave_one_out.map(|r| r.rms),
         delta_e: measured.colours.map(|c| c.delta_e),
         latency_ms: latency.map(|l| 1e3 * l.seconds),
         latency_sigma_ms: latency.map(|l| 1e3 * l.sigma),
@@ -48,8 +48,12 @@ pub(super) fn file(
 }
 
 /// Returns the report, HTML.
-pub(super) fn page(made: &CalibrationProvenance, found: &Finished, corners: &[Off]) -> String {
-    let facts = [format!("{}, from {}", made.date, made.source)];
+pub(super) fn report(
+    provenance: &CalibrationProvenance,
+    found: &Finished,
+    corners: &[CornerError],
+) -> String {
+    let facts = [format!("{}, from {}", provenance.date, provenance.source)];
     let mut page = Page::new("Check of the rig", &facts);
     page.verdict(found);
     let plot = |x: &str, y: &str, points: Vec<(f64, f64)>| Plot {
@@ -59,24 +63,24 @@ pub(super) fn page(made: &CalibrationProvenance, found: &Finished, corners: &[Of
     };
     if !corners.is_empty() {
         page.heading("Markers");
-        let over_time = corners.iter().map(|o| (o.seconds, o.by.length()));
+        let over_time = corners.iter().map(|c| (c.seconds, c.error.length()));
         page.plot(
-            &plot("s", "px beside its place", over_time.collect()),
-            "By time: what grows drifts, what follows motion is latency.",
+            &plot("s", "reprojection error, px", over_time.collect()),
+            "Error over time: growth indicates drift, correlation with motion indicates latency.",
         );
-        let scatter = corners.iter().map(|o| (o.by.x, o.by.y));
+        let scatter = corners.iter().map(|c| (c.error.x, c.error.y));
         page.plot(
             &plot("px to the right", "px down", scatter.collect()),
-            "Where corners were found, seen from where they should be.",
+            "Error vectors: detected minus predicted corner positions.",
         );
-        let over_radius = corners.iter().map(|o| (o.at.x, o.by.length()));
+        let over_columns = corners.iter().map(|c| (c.pixel.x, c.error.length()));
         page.plot(
             &plot(
-                "px across the picture",
-                "px beside its place",
-                over_radius.collect(),
+                "column, px",
+                "reprojection error, px",
+                over_columns.collect(),
             ),
-            "By place: what grows towards the edges is the lens.",
+            "Error over picture columns: growth towards the edges indicates a wrong lens calibration.",
         );
     }
     page.finish()

@@ -8,9 +8,9 @@ use penumbra_white_balance::Provenance;
 
 /// Maximum RMS reprojection error, pixels: good, usable.
 const REPROJECTION: [f64; 2] = [1.0, 3.0];
-/// Minimum number of corners for a verdict.
-const LEAST_CORNERS: usize = 80;
-/// Maximum median CIEDE2000: good (hardly visible side by side), usable (plainly visible).
+/// Minimum number of corners for an assessment.
+const MIN_CORNERS: usize = 80;
+/// Maximum median CIEDE2000: good (hardly visible side by side), usable (clearly visible).
 const COLOUR: [f64; 2] = [2.0, 5.0];
 /// Maximum deviation from the calibrated latency, milliseconds: good, usable. A rotation of 60°/s
 /// moves a typical picture by half a pixel in one millisecond.
@@ -18,18 +18,18 @@ const LATENCY: [f64; 2] = [2.0, 8.0];
 
 /// The measurements of a check.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Measured {
-    /// Reprojection error by the tracker's pose.
-    pub tracked: Option<Reprojection>,
-    /// Reprojection error of each marker by the others' pose.
-    pub among: Option<Reprojection>,
-    /// The rig has a tracker.
+pub struct Measurements {
+    /// Reprojection error under the tracker's pose.
+    pub by_tracker: Option<Reprojection>,
+    /// Reprojection error of each marker under the pose from the others.
+    pub leave_one_out: Option<Reprojection>,
+    /// Whether the rig has a tracker.
     pub has_tracker: bool,
-    /// The rig has an environment camera of its own.
+    /// Whether the rig has an environment camera of its own.
     pub has_environment: bool,
     /// Colour differences.
     pub colours: Option<Colours>,
-    /// Clock offset between tracker and camera.
+    /// Clock offset between tracker and camera; `None` without tracker data.
     pub latency: Option<Result<ClockOffset, LatencyError>>,
     /// Calibrated clock offset, seconds.
     pub calibrated_offset: f64,
@@ -37,23 +37,23 @@ pub struct Measured {
 
 /// Assessment of a check.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Judgement {
+pub struct Assessment {
     /// Figures, one line each.
     pub lines: Vec<String>,
     /// Problems and their remedies.
     pub findings: Vec<(Grade, String)>,
 }
 
-impl Judgement {
+impl Assessment {
     /// Grades the measurements.
     #[must_use]
-    pub fn of(measured: &Measured) -> Self {
-        let mut judgement = Self::default();
-        judgement.reprojection(measured);
-        judgement.colour(measured);
-        judgement.latency(measured);
-        judgement.findings.sort_by_key(|f| std::cmp::Reverse(f.0));
-        judgement
+    pub fn from_measurements(measured: &Measurements) -> Self {
+        let mut assessment = Self::default();
+        assessment.reprojection(measured);
+        assessment.colour(measured);
+        assessment.latency(measured);
+        assessment.findings.sort_by_key(|f| std::cmp::Reverse(f.0));
+        assessment
     }
 
     /// Returns the worst grade of all findings.
@@ -66,58 +66,58 @@ impl Judgement {
             .unwrap_or(Grade::Good)
     }
 
-    fn reprojection(&mut self, measured: &Measured) {
-        let (found, by, what) = if measured.has_tracker {
+    fn reprojection(&mut self, measured: &Measurements) {
+        let (found, source, remedy) = if measured.has_tracker {
             (
-                measured.tracked,
-                "tracker",
-                "calibrate tracker and latency again; if the mean is far off, something was moved",
+                measured.by_tracker,
+                "the tracker",
+                "calibrate tracker and latency again; a large mean error indicates that something was moved",
             )
         } else {
             (
-                measured.among,
+                measured.leave_one_out,
                 "the other markers",
                 "calibrate the map and the lens again; look for a marker that was moved",
             )
         };
-        let Some(r) = found.filter(|r| r.corners >= LEAST_CORNERS) else {
+        let Some(r) = found.filter(|r| r.corners >= MIN_CORNERS) else {
             let corners = found.map_or(0, |r| r.corners);
             self.findings.push((
                 Grade::Refused,
                 format!(
-                    "{corners} corners of known markers were seen with a pose by {by}, {LEAST_CORNERS} are \
-                     needed: show the scene camera the rig's markers for a minute"
+                    "only {corners} of {MIN_CORNERS} needed corners of known markers were seen with a pose from \
+                     {source}; show the scene camera the rig's markers for a minute"
                 ),
             ));
             return;
         };
         self.lines.push(format!(
-            "markers by {by}: {:.2} ± {:.2} px RMS (median {:.2}, worst {:.1}; mean {:+.2}, {:+.2}; {} corners)",
-            r.rms, r.sigma, r.median, r.worst, r.mean.x, r.mean.y, r.corners
+            "reprojection error with the pose from {source}: {:.2} ± {:.2} px RMS (median {:.2}, maximum {:.1}; mean {:+.2}, {:+.2}; {} corners)",
+            r.rms, r.sigma, r.median, r.max, r.mean.x, r.mean.y, r.corners
         ));
-        self.judge(r.rms, REPROJECTION, || {
-            format!("markers are {:.2} px RMS beside their place; {what}", r.rms)
+        self.assess(r.rms, REPROJECTION, || {
+            format!("reprojection error is {:.2} px RMS; {remedy}", r.rms)
         });
         if measured.has_tracker
-            && let Some(among) = measured.among
+            && let Some(others) = measured.leave_one_out
         {
             self.lines.push(format!(
-                "markers by one another: {:.2} ± {:.2} px RMS ({} corners)",
-                among.rms, among.sigma, among.corners
+                "reprojection error of each marker with the pose from the others: {:.2} ± {:.2} px RMS ({} corners)",
+                others.rms, others.sigma, others.corners
             ));
-            self.judge(among.rms, REPROJECTION, || {
+            self.assess(others.rms, REPROJECTION, || {
                 format!(
-                    "markers are {:.2} px RMS beside where the others say; calibrate the map and the lens again",
-                    among.rms
+                    "reprojection error between markers is {:.2} px RMS; calibrate the map and the lens again",
+                    others.rms
                 )
             });
         }
     }
 
-    fn colour(&mut self, measured: &Measured) {
+    fn colour(&mut self, measured: &Measurements) {
         if !measured.has_environment {
             self.lines
-                .push("colour: one camera, nothing to compare".to_owned());
+                .push("colour: not compared, the rig has one camera".to_owned());
             return;
         }
         let Some(c) = measured.colours else {
@@ -129,19 +129,19 @@ impl Judgement {
             ));
             return;
         };
-        let by = match c.by {
+        let source = match c.provenance {
             Provenance::Calibrated => "the calibration",
             Provenance::Chart => "the colour chart",
-            Provenance::Overlap => "what both saw before",
-            Provenance::Reflectance => "known surfaces",
+            Provenance::Overlap => "surfaces seen by both cameras",
+            Provenance::Reflectance => "surfaces of known reflectance",
             Provenance::Fixed => "the configuration",
             Provenance::SameCamera | Provenance::GreyWorld | Provenance::Unknown => "nothing",
         };
         self.lines.push(format!(
-            "colour by {by}: ΔE2000 {:.2} in the median, 9 of 10 under {:.2} ({} surfaces at {} moments)",
-            c.delta_e, c.ninth, c.counts.0, c.counts.1
+            "colour difference with gains from {source}: median ΔE2000 {:.2}, 90th percentile {:.2} ({} surfaces in {} comparisons)",
+            c.delta_e, c.percentile_90, c.counts.0, c.counts.1
         ));
-        self.judge(c.delta_e, COLOUR, || {
+        self.assess(c.delta_e, COLOUR, || {
             format!(
                 "the cameras' colours differ by ΔE2000 {:.1}; calibrate radiometric again, in this light",
                 c.delta_e
@@ -149,19 +149,19 @@ impl Judgement {
         });
     }
 
-    fn latency(&mut self, measured: &Measured) {
+    fn latency(&mut self, measured: &Measurements) {
         match &measured.latency {
             Some(Ok(found)) => {
-                let off = 1e3 * (found.seconds - measured.calibrated_offset);
+                let deviation = 1e3 * (found.seconds - measured.calibrated_offset);
                 self.lines.push(format!(
-                    "latency: {:.2} ± {:.2} ms ({off:+.2} ms beside the calibrated; {} turns)",
+                    "latency: {:.2} ± {:.2} ms ({deviation:+.2} ms from the calibrated latency; {} samples)",
                     1e3 * found.seconds,
                     1e3 * found.sigma,
                     found.samples
                 ));
-                // A deviation within the noise is no fault.
-                self.judge(off.abs() - 2e3 * found.sigma, LATENCY, || {
-                    format!("tracker and camera are {off:+.1} ms apart; calibrate latency again")
+                // Less two standard deviations: a deviation within the noise is not a fault.
+                self.assess(deviation.abs() - 2e3 * found.sigma, LATENCY, || {
+                    format!("latency deviates by {deviation:+.1} ms from the calibrated latency; calibrate latency again")
                 });
             }
             Some(Err(error)) => self
@@ -169,13 +169,14 @@ impl Judgement {
                 .push((Grade::Usable, format!("latency was not measured: {error}"))),
             None if measured.has_tracker => self.findings.push((
                 Grade::Usable,
-                "latency was not measured: nothing came from the tracker".to_owned(),
+                "latency was not measured: the tracker sent no data".to_owned(),
             )),
             None => (),
         }
     }
 
-    fn judge(&mut self, value: f64, [good, usable]: [f64; 2], finding: impl Fn() -> String) {
+    /// Adds a finding if `value` exceeds the limit of the grade `good` or is not a number.
+    fn assess(&mut self, value: f64, [good, usable]: [f64; 2], finding: impl Fn() -> String) {
         if value > good || value.is_nan() {
             let grade = if value <= usable {
                 Grade::Usable
@@ -197,23 +198,23 @@ mod tests {
             rms,
             sigma: 0.1 * rms,
             median: rms,
-            worst: 2.0 * rms,
+            max: 2.0 * rms,
             mean: DVec2::ZERO,
             corners: 400,
         }
     }
 
-    fn measured() -> Measured {
-        Measured {
-            tracked: Some(reprojection(0.6)),
-            among: Some(reprojection(0.2)),
+    fn measured() -> Measurements {
+        Measurements {
+            by_tracker: Some(reprojection(0.6)),
+            leave_one_out: Some(reprojection(0.2)),
             has_tracker: true,
             has_environment: true,
             colours: Some(Colours {
                 delta_e: 1.2,
-                ninth: 3.0,
+                percentile_90: 3.0,
                 counts: (500, 20),
-                by: Provenance::Chart,
+                provenance: Provenance::Chart,
             }),
             latency: Some(Ok(ClockOffset {
                 seconds: 0.009,
@@ -227,27 +228,27 @@ mod tests {
 
     #[test]
     fn correct_rig_is_graded_good() {
-        let judgement = Judgement::of(&measured());
-        assert_eq!(judgement.grade(), Grade::Good, "{judgement:?}");
-        assert_eq!(judgement.lines.len(), 4);
+        let assessment = Assessment::from_measurements(&measured());
+        assert_eq!(assessment.grade(), Grade::Good, "{assessment:?}");
+        assert_eq!(assessment.lines.len(), 4);
     }
 
     #[test]
-    fn each_bad_figure_names_its_remedy() {
-        type Spoil = fn(&mut Measured);
+    fn each_bad_figure_is_reported_with_its_remedy() {
+        type Spoil = fn(&mut Measurements);
         let cases: [(Spoil, Grade, &str); 6] = [
             (
-                |m| m.tracked = Some(reprojection(2.0)),
+                |m| m.by_tracker = Some(reprojection(2.0)),
                 Grade::Usable,
                 "calibrate tracker",
             ),
             (
-                |m| m.tracked = None,
+                |m| m.by_tracker = None,
                 Grade::Refused,
                 "show the scene camera",
             ),
             (
-                |m| m.among = Some(reprojection(9.0)),
+                |m| m.leave_one_out = Some(reprojection(9.0)),
                 Grade::Refused,
                 "calibrate the map",
             ),
@@ -260,16 +261,16 @@ mod tests {
             (
                 |m| m.latency = None,
                 Grade::Usable,
-                "nothing came from the tracker",
+                "the tracker sent no data",
             ),
         ];
-        for (spoil, grade, says) in cases {
+        for (spoil, grade, message) in cases {
             let mut m = measured();
             spoil(&mut m);
-            let judgement = Judgement::of(&m);
-            assert_eq!(judgement.grade(), grade, "{says}");
-            let all = judgement.findings.iter().any(|f| f.1.contains(says));
-            assert!(all, "{says}: {:?}", judgement.findings);
+            let assessment = Assessment::from_measurements(&m);
+            assert_eq!(assessment.grade(), grade, "{message}");
+            let is_reported = assessment.findings.iter().any(|f| f.1.contains(message));
+            assert!(is_reported, "{message}: {:?}", assessment.findings);
         }
     }
 }

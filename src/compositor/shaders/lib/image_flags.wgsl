@@ -1,5 +1,4 @@
-// What is known of a plane's image as a whole: bits of its flag. Twins of the constants in
-// `baker.rs`.
+// Bit flags that summarise a plane's image. Twins of the constants in `baker.rs`.
 
 const ALL_PASS = 1u;
 const PHANTOMS_PASS = 2u;
@@ -8,7 +7,8 @@ const PHANTOMS_HIDE = 8u;
 // Some texel faces the light.
 const FACED = 16u;
 
-// Of a texel's sums, Σ w cos (1 − V) past everything and past phantoms alone, Σ w cos > 0.
+// Flags of a texel from its sums: Σ w cos (1 − V) past all casters and past phantoms alone, Σ w cos
+// > 0.
 fn flags_of(s: vec4f) -> u32 {
     let share = s.xy / s.z;
     let half_a_step = vec2f(0.5 / 255.0);

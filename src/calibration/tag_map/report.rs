@@ -1,11 +1,12 @@
-//! Figures and report of the step `map`.
+//! Report of the step `map`.
 
-use super::build::{Built, Mapped};
-use super::start::square;
+use super::build::{MapEstimate, TagEstimate};
+use super::initial_poses::tag_corners;
 use super::step::MapStep;
 use crate::report::{Page, Plot};
 use crate::step::{CalibrationProvenance, Finished};
 
+/// Columns of the table of tags.
 const COLUMNS: [&str; 9] = [
     "tag",
     "size, mm",
@@ -14,35 +15,35 @@ const COLUMNS: [&str; 9] = [
     "z, mm",
     "± mm",
     "± degrees",
-    "sightings",
-    "px",
+    "observations",
+    "RMS, px",
 ];
 
 /// Returns the cells of a tag's row.
-fn row(t: &Mapped) -> Vec<String> {
+fn row(t: &TagEstimate) -> Vec<String> {
     let p = t.pose.translation * 1e3;
     vec![
-        t.seen.name(),
-        format!("{:.1}", 1e3 * t.seen.size),
+        t.tag.name(),
+        format!("{:.1}", 1e3 * t.tag.size),
         format!("{:.2}", p.x),
         format!("{:.2}", p.y),
         format!("{:.2}", p.z),
         format!("{:.2}", 1e3 * t.sigma.1.max_element()),
         format!("{:.3}", t.sigma.0.max_element().to_degrees()),
-        format!("{} of {}", t.sights.0, t.sights.1),
+        format!("{} of {}", t.used_observations, t.observations),
         format!("{:.2}", t.rms),
     ]
 }
 
 impl MapStep {
-    pub(super) fn page(
+    pub(super) fn report(
         &self,
-        made: &CalibrationProvenance,
+        provenance: &CalibrationProvenance,
         found: &Finished,
-        built: Option<&Built>,
+        estimate: Option<&MapEstimate>,
     ) -> String {
         let facts = [
-            format!("{}, from {}", made.date, made.source),
+            format!("{}, from {}", provenance.date, provenance.source),
             format!(
                 "{} pictures, {} views of several tags",
                 self.pictures,
@@ -51,25 +52,25 @@ impl MapStep {
         ];
         let mut page = Page::new("Map of tags", &facts);
         page.verdict(found);
-        let Some(built) = built else {
+        let Some(estimate) = estimate else {
             return page.finish();
         };
         let mut rows = vec![COLUMNS.map(str::to_owned).to_vec()];
-        rows.extend(built.tags.iter().map(row));
+        rows.extend(estimate.tags.iter().map(row));
         page.table(&rows);
-        let outline = |t: &Mapped| {
-            let corners = square(t.seen.size).map(|c| t.pose.transform_point(c));
+        let outline = |t: &TagEstimate| {
+            let corners = tag_corners(t.tag.size).map(|c| t.pose.transform_point(c));
             let closed = corners.into_iter().chain([corners[0]]);
             let points = closed.map(|c| (c.x, c.y)).collect();
-            (t.seen.id.to_string(), points, true)
+            (t.tag.id.to_string(), points, true)
         };
         let plot = Plot {
             x: "x, m".to_owned(),
             y: "y, m".to_owned(),
-            series: built.tags.iter().map(outline).collect(),
+            series: estimate.tags.iter().map(outline).collect(),
         };
-        page.plot(&plot, "The map from above (axes are not to one scale)");
-        let errors = built
+        page.plot(&plot, "Map from above (the axes differ in scale)");
+        let errors = estimate
             .view_rms
             .iter()
             .enumerate()
@@ -79,7 +80,7 @@ impl MapStep {
             y: "reprojection error, px RMS".to_owned(),
             series: vec![("views".to_owned(), errors.collect(), false)],
         };
-        page.plot(&plot, "What is left");
+        page.plot(&plot, "Reprojection error of each view");
         page.finish()
     }
 }

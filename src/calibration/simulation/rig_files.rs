@@ -1,18 +1,18 @@
-//! What the owner of a rehearsal's rig knows of it, and what only the judge does.
+//! The files of a simulated rig: `rig.json`, as its owner would have it, and the ground truth.
 
 use super::{EnvironmentMount, SimulatedRig};
 use penumbra_camera::Lens;
 use penumbra_interface::RigidTransform;
 use serde_json::{Value, json};
 
-/// One picture's truth.
+/// Ground truth of one picture.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FrameTruth {
-    /// The driver's stamp, nanoseconds.
+    /// The driver's time stamp, nanoseconds.
     pub stamp: i64,
     /// Middle of the exposure, nanoseconds.
     pub captured: i64,
-    /// Where the camera was.
+    /// Pose of the camera.
     pub world_from_camera: RigidTransform,
 }
 
@@ -30,18 +30,24 @@ fn pinhole(lens: &Lens) -> Value {
 }
 
 impl SimulatedRig {
-    /// `rig.json`: lenses, and what the options say is known.
+    /// Returns `rig.json`: the lenses, and the markers and the tracker if the options include them.
     #[must_use]
     pub fn rig_json(&self) -> Value {
-        let known = self.options.known_tracker;
-        let said = |p: RigidTransform| pose(if known { p } else { RigidTransform::IDENTITY });
+        let is_known = self.options.known_tracker;
+        let known_pose = |p: RigidTransform| {
+            pose(if is_known {
+                p
+            } else {
+                RigidTransform::IDENTITY
+            })
+        };
         let mut rig = json!({
-            "name": format!("rehearsal {}", self.options.seed),
+            "name": format!("simulated rig {}", self.options.seed),
             "scene_camera": pinhole(self.scene.lens()),
             "tracker": {
-                "T_world_source": said(self.world_from_transmitter),
-                "T_sensor_cam": said(self.sensor_from_camera),
-                "latency_s": if known { self.options.tracker_latency } else { 0.0 },
+                "T_world_source": known_pose(self.world_from_transmitter),
+                "T_sensor_cam": known_pose(self.sensor_from_camera),
+                "latency_s": if is_known { self.options.tracker_latency } else { 0.0 },
                 "fastrak": { "units": "centimetres" },
             },
         });
@@ -49,8 +55,8 @@ impl SimulatedRig {
         if self.options.known_markers {
             rig["markers"] = self.markers();
         }
-        if let Some(eye) = &self.environment {
-            rig["environment_camera"] = self.environment_json(eye.lens());
+        if let Some(camera) = &self.environment {
+            rig["environment_camera"] = self.environment_json(camera.lens());
         }
         rig
     }
@@ -77,7 +83,7 @@ impl SimulatedRig {
         self.tags.iter().map(marker).collect()
     }
 
-    /// Everything that is true, for the judge.
+    /// Returns the ground truth of the rig and of `frames`.
     #[must_use]
     pub fn truth_json(&self, frames: &[FrameTruth]) -> Value {
         let frames: Vec<Value> = frames

@@ -1,4 +1,4 @@
-//! Comparing pictures.
+//! Comparison of pictures.
 
 use penumbra_compositor::reference::{ReferencePicture, ReferencePixel, Seen};
 use penumbra_picture::Picture;
@@ -11,17 +11,17 @@ fn around(size: (u32, u32), (x, y): (u32, u32), reach: u32) -> impl Iterator<Ite
     rows.flat_map(move |v| (x.saturating_sub(reach)..=last).map(move |u| (v * size.0 + u) as usize))
 }
 
-/// For every pixel whether all pixels within `reach` of it are `alike`.
+/// For every pixel whether all pixels within `reach` of it are `same` as the pixel itself.
 fn calm(
     twin: &ReferencePicture,
     reach: u32,
-    alike: impl Fn(&ReferencePixel, &ReferencePixel) -> bool,
+    same: impl Fn(&ReferencePixel, &ReferencePixel) -> bool,
 ) -> Vec<bool> {
     let size = (twin.picture.width, twin.picture.height);
     (0..size.0 * size.1)
         .map(|i| {
             let here = &twin.pixels[i as usize];
-            around(size, (i % size.0, i / size.0), reach).all(|j| alike(&twin.pixels[j], here))
+            around(size, (i % size.0, i / size.0), reach).all(|j| same(&twin.pixels[j], here))
         })
         .collect()
 }
@@ -33,29 +33,29 @@ pub fn away_from_edges(twin: &ReferencePicture, reach: u32) -> Vec<bool> {
     })
 }
 
-/// Pixels around which nothing is virtual and no virtual shadow falls.
+/// Pixels without virtual surfaces and virtual shadows within `reach`.
 pub fn untouched(twin: &ReferencePicture, reach: u32) -> Vec<bool> {
     calm(twin, reach, |a, b| a.untouched && b.untouched)
 }
 
-/// Pixels around which all is virtual.
+/// Pixels with only virtual surfaces within `reach`.
 pub fn virtual_inside(twin: &ReferencePicture, reach: u32) -> Vec<bool> {
     calm(twin, reach, |a, b| {
         a.seen == Seen::Virtual && b.seen == Seen::Virtual
     })
 }
 
-/// How strictly to compare with the twin.
+/// Tolerances of a comparison with the twin.
 #[derive(Clone, Copy)]
 pub struct Rule {
-    /// How far, in pixels, an edge may be from where the twin has it.
+    /// Maximum displacement of an edge from the twin's, pixels.
     pub reach: u32,
-    /// At least this share of the picture must be free of edges.
+    /// Minimum fraction of the picture without edges.
     pub calm: f64,
-    /// Codes may be off by so much.
+    /// Maximum difference of codes.
     pub slack: u8,
-    /// Virtual surfaces too: without a ground, whose light thrown up at them is not in
-    /// the twin.
+    /// Whether to compare virtual surfaces, too: only without a ground, whose reflected light the
+    /// twin does not have.
     pub on_virtual: bool,
 }
 
@@ -71,7 +71,7 @@ impl Rule {
     }
 }
 
-/// How many codes of real surfaces are by more than `slack` outside of what the twin has within
+/// Number of codes of real surfaces that are more than `slack` outside the range of the twin within
 /// `reach` pixels.
 pub fn strays(ours: &Picture, twin: &ReferencePicture, reach: u32, slack: u8) -> usize {
     let size = (ours.width, ours.height);
@@ -89,9 +89,9 @@ pub fn strays(ours: &Picture, twin: &ReferencePicture, reach: u32, slack: u8) ->
     (0..3 * size.0 * size.1).filter(stray).count()
 }
 
-/// Codes are those of the twin wherever there is no edge within reach; near edges they are
-/// between the least and the greatest that the twin has there. One pixel in a thousand may
-/// stray: where several shadows' edges cross, their sum may have no match close by.
+/// Asserts that codes equal the twin's where no edge is within reach, and that near edges they are
+/// within the twin's range there. One pixel in a thousand may deviate: where several shadows' edges
+/// cross, their sum may have no match nearby.
 pub fn assert_like(name: &str, ours: &Picture, twin: &ReferencePicture, rule: Rule) {
     let (reach, slack) = (rule.reach, rule.slack);
     let size = (ours.width, ours.height);
@@ -129,16 +129,18 @@ pub fn assert_like(name: &str, ours: &Picture, twin: &ReferencePicture, rule: Ru
     }
     assert!(
         wrong.is_empty(),
-        "{name}: {} codes are off, first (pixel, channel, code, least, greatest) {:?}\n{kept:?}",
+        "{name}: {} codes are off, first (pixel, channel, code, lowest, highest) {:?}\n{kept:?}",
         wrong.len(),
         &wrong[..wrong.len().min(8)]
     );
-    panic!("{name}: only {share:.3} of the picture is free of edges, too little to judge by");
+    panic!(
+        "{name}: only {share:.3} of the picture is free of edges, too little for the comparison"
+    );
 }
 
-/// Where the flagged pixels' codes are not those of `expected`.
+/// Asserts that the flagged pixels have the codes of `expected`.
 pub fn assert_same_where(name: &str, ours: &Picture, expected: &Picture, flags: &[bool]) {
-    assert!(flags.iter().any(|f| *f), "{name}: no pixel to judge by");
+    assert!(flags.iter().any(|f| *f), "{name}: no pixel to compare");
     let wrong: Vec<_> = flags
         .iter()
         .zip(ours.rgba.chunks_exact(4).zip(expected.rgba.chunks_exact(4)))
@@ -156,7 +158,7 @@ pub fn assert_same_where(name: &str, ours: &Picture, expected: &Picture, flags: 
     }
 }
 
-/// Greatest and mean difference of codes.
+/// Maximum and mean difference of codes.
 pub fn difference(a: &Picture, b: &Picture) -> (u8, f64) {
     assert_eq!((a.width, a.height), (b.width, b.height));
     let each = a.rgba.iter().zip(&b.rgba).map(|(a, b)| a.abs_diff(*b));
@@ -164,11 +166,11 @@ pub fn difference(a: &Picture, b: &Picture) -> (u8, f64) {
     (each.max().unwrap_or(0), sum as f64 / a.rgba.len() as f64)
 }
 
-/// Differences are judged over squares of so many pixels a side where an edge may lie a
-/// fraction of a pixel aside, as it does from driver to driver.
+/// Side of the squares over which differences are averaged, pixels: an edge may be displaced by a
+/// fraction of a pixel between drivers.
 const SQUARE: u32 = 8;
 
-/// Corner and greatest difference of the means, over the channels, of each square.
+/// Corner of each square, and the difference of its means, maximum over the channels.
 pub fn square_differences(a: &Picture, b: &Picture) -> Vec<((u32, u32), f64)> {
     let mean = |p: &Picture, x: u32, y: u32, c: usize| {
         let sum: u32 = (0..SQUARE * SQUARE)
@@ -185,7 +187,7 @@ pub fn square_differences(a: &Picture, b: &Picture) -> Vec<((u32, u32), f64)> {
         .collect()
 }
 
-/// Writes a picture that failed to where it can be looked at.
+/// Keeps the picture of a failed test for inspection.
 pub fn keep(name: &str, picture: &Picture) -> PathBuf {
     let folder = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join("compositor");
     std::fs::create_dir_all(&folder).unwrap();

@@ -1,5 +1,6 @@
-// What the pass `lamp_response` found: linear light that lamps add to a pixel of the real
-// picture, in the scene camera's own exposure; none where the picture is multiplied instead.
+// The result of the pass `lamp_response`: linear light that lamps add to a pixel of the real
+// picture, in the scene camera's own exposure; zero with the default response, which multiplies the
+// picture.
 fn added_at(pixel: vec2i) -> vec3f {
     if !LAMPED {
         return vec3f(0.0);
