@@ -243,9 +243,9 @@ mod tests {
         };
         session(&mut s);
         assert!(s.session.description.contains("being opened"));
-        s.devices[0].enter(DeviceState::Retrying, Some("c: not there"));
+        s.devices[0].enter(DeviceState::Retrying, Some("c: not connected"));
         session(&mut s);
-        assert!(s.session.description.contains("c: not there"));
+        assert!(s.session.description.contains("c: not connected"));
         s.devices[0].enter(DeviceState::Streaming, None);
         session(&mut s);
         assert_eq!(s.session.description, SessionState::Live.description());

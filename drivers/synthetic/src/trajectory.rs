@@ -32,7 +32,7 @@ impl Default for Trajectory {
     }
 }
 
-/// A file of poses is malformed. The text says where, and what to write.
+/// A file of poses is malformed. The message names the line and the expected format.
 #[derive(Clone, Debug, Error, PartialEq, Eq)]
 pub enum TrajectoryError {
     /// A line is not a pose.

@@ -156,7 +156,7 @@ fn a_tracker_of_a_server_streams_until_the_server_ends() {
 }
 
 #[test]
-fn errors_say_why_a_server_is_of_no_use() {
+fn errors_name_the_reason_why_a_server_is_unusable() {
     let error =
         |server: &Server, tracker| open(&server.settings(tracker)).err().unwrap().to_string();
     let server = Server::start(greeting(), true);

@@ -290,7 +290,7 @@ fn arrival_is_on_the_monotonic_clock() {
 }
 
 #[test]
-fn ports_that_cannot_be_opened_are_named() {
+fn errors_name_ports_that_cannot_be_opened() {
     let open_at = |path: &str| {
         let settings = TrackerSettings::new("fastrak", PortName::Serial(path.to_owned()));
         open(&settings).err().unwrap()
@@ -307,7 +307,7 @@ fn ports_that_cannot_be_opened_are_named() {
     assert!(error.to_string().contains("is no serial port"), "{error}");
     let settings = TrackerSettings::new("polaris", PortName::Serial("/dev/null".to_owned()));
     let error = open(&settings).err().unwrap().to_string();
-    assert!(error.contains("there are fastrak"), "{error}");
+    assert!(error.contains("the protocols are fastrak"), "{error}");
 }
 
 #[test]

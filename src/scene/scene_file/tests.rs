@@ -426,8 +426,8 @@ fn reads_moving_attached_and_photometric_lamps() {
             "photometry.ev100",
         ),
     ] {
-        let said = complaint(&text);
-        assert!(said.contains(place), "{text}: {said}");
+        let message = complaint(&text);
+        assert!(message.contains(place), "{text}: {message}");
     }
 }
 

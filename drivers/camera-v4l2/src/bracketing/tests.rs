@@ -71,7 +71,7 @@ struct Outcome {
     each: [usize; 3],
 }
 
-/// Feeds frames to the bracketing. `lose` tells which are lost, `scene` adds stops to the
+/// Feeds frames to the bracketing. `lose` selects lost frames, `scene` adds stops to the
 /// brightness.
 fn run(
     bracketing: &mut Bracketing,

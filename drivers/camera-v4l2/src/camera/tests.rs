@@ -143,7 +143,10 @@ fn unplugging_during_the_stream_is_reported() {
     fake.lock().stop_error = Some(Errno::NODEV);
     fake.arrives(20, picture(1));
     let error = camera.next_frame(WAIT).unwrap_err();
-    assert_eq!(error.to_string(), "/dev/video7: gone; plug it in again");
+    assert_eq!(
+        error.to_string(),
+        "/dev/video7: disconnected; plug it in again"
+    );
     assert_eq!(error.recovery(), Recovery::Reopen);
 }
 

@@ -121,7 +121,7 @@ fn a_refusal_names_the_automatic_mode() {
 }
 
 #[test]
-fn a_driver_that_accepts_and_ignores_a_value_is_noticed() {
+fn detects_driver_that_accepts_and_ignores_a_value() {
     let fake = webcam();
     fake.edit(TIME, |c| {
         c.needs = None;

@@ -1,4 +1,4 @@
-//! A pseudo-terminal for tests of ports: nothing but the kernel is at its other end.
+//! A pseudo-terminal for tests of ports, without a device at its other end.
 #![allow(clippy::unwrap_used)]
 
 use rustix::fs::{Mode, OFlags};

@@ -1,4 +1,4 @@
-//! Whether the guest is what the other tests take it for: these use the kernel directly.
+//! Checks the devices of the guest, on which the other tests rely, by using the kernel directly.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 #![allow(clippy::disallowed_methods)] // a test has no rig to start its threads
 
