@@ -81,7 +81,7 @@ fn write(device: &mut Device, status: &DeviceStatus, rate: &DeviceRate, now: Mon
             device.identity = Some(report.identity.clone());
             device.mode = Some(report.protocol.clone());
             device.notes.clear();
-            device.notes.extend(report.said.clone());
+            device.notes.extend(report.description.clone());
             device.notes.extend(report.warning.clone());
             device.dropped = status.damaged;
             if status.bytes > BYTES_FOR_A_RECORD && rate.received == 0 {

@@ -39,7 +39,7 @@ pub struct TrackerReport {
     /// decoder can be made.
     pub protocol: String,
     /// The device's description of itself, one line, if it sent one.
-    pub said: Option<String>,
+    pub description: Option<String>,
     /// A note for the user, one line: an error letter, a mode that the device did not confirm.
     pub warning: Option<String>,
     /// Bytes received.

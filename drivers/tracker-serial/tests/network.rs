@@ -142,7 +142,13 @@ fn a_tracker_of_a_server_streams_until_the_server_ends() {
         found.windows(2).all(|w| (w[1] - w[0] - 0.01).abs() < 1e-9),
         "{found:?}"
     );
-    assert!(tracker.report().said.unwrap().contains("Tracker0, Wand"));
+    assert!(
+        tracker
+            .report()
+            .description
+            .unwrap()
+            .contains("Tracker0, Wand")
+    );
     drop(server);
     let began = Instant::now();
     let error = loop {

@@ -83,7 +83,13 @@ fn inches_and_centimetres_give_the_same_metres() {
             .with_metres_per_unit(units.metres());
         let found = common::decode(&mut *tracker, &mut decoder, 10);
         assert!(furthest_from_path(&found) < 1e-3, "{units:?}");
-        assert!(tracker.report().said.unwrap().contains("software 3.18"));
+        assert!(
+            tracker
+                .report()
+                .description
+                .unwrap()
+                .contains("software 3.18")
+        );
     }
 }
 
@@ -322,6 +328,9 @@ fn probing_finds_the_protocol() {
         let port = PortName::Serial(device.path());
         let answer = probe(&port).unwrap().unwrap_or_else(|| panic!("{sent}"));
         assert_eq!(answer.protocol, found);
-        assert!(answer.said.unwrap_or_default().contains(said), "{sent}");
+        assert!(
+            answer.description.unwrap_or_default().contains(said),
+            "{sent}"
+        );
     }
 }

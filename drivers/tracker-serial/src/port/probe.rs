@@ -28,7 +28,7 @@ pub struct Found {
     /// Baud rate; `None` for datagrams.
     pub baud: Option<u32>,
     /// The device's description of itself, if it sent one.
-    pub said: Option<String>,
+    pub description: Option<String>,
 }
 
 /// Listens at `port`, then asks for the status or version of each kind of tracker, at every
@@ -97,7 +97,7 @@ fn found(protocol: &str, baud: Option<u32>, description: Option<String>) -> Foun
     Found {
         protocol: protocol.to_owned(),
         baud,
-        said: description,
+        description,
     }
 }
 

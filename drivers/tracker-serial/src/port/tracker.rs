@@ -49,7 +49,7 @@ impl<L: Line> LineTracker<L> {
             buffer: vec![0; READ_LIMIT].into(),
         };
         let answer = tracker.converse()?;
-        tracker.report.said = answer.description;
+        tracker.report.description = answer.description;
         tracker.report.warning = answer.warning;
         tracker.last_received_at = SystemClock.now();
         Ok(tracker)

@@ -62,7 +62,7 @@ impl VrpnTracker {
             .map_err(|error| opened.failed(&error))?;
         opened.await_pose()?;
         let senders: Vec<_> = opened.client.senders().collect();
-        opened.report.said = Some(format!("VRPN server with {}", senders.join(", ")));
+        opened.report.description = Some(format!("VRPN server with {}", senders.join(", ")));
         Ok(opened)
     }
 
