@@ -65,7 +65,7 @@ fn unplugged_tracker_is_noticed_at_once() {
     let device = Gadget::start();
     let mut tracker = open(&settings()).unwrap();
     read_poses(&mut *tracker, 20);
-    assert!(tracker.report().said.unwrap().contains("FASTRAK"));
+    assert!(tracker.report().description.unwrap().contains("FASTRAK"));
     let busy = open(&settings()).err().unwrap();
     assert!(busy.to_string().contains("busy"), "{busy}");
 
