@@ -159,7 +159,6 @@ fn with_translation(rotation: &DMat3, ideal: &[DVec2; 4], half: f64) -> Option<R
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
     use crate::synthetic::camera;
     use proptest::prelude::*;

@@ -263,7 +263,6 @@ fn unusable(reason: &str) -> CalibrationFileError {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used, clippy::panic)]
     use super::*;
 
     fn record() -> EnvironmentRecord {

@@ -119,7 +119,6 @@ fn unusable(file: &str, reason: &str) -> CalibrationFileError {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
     use glam::DVec2;
 

@@ -150,7 +150,6 @@ fn control(report: &ControlReport) -> Control {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
     use super::*;
     use penumbra_interface::{CameraCounters, TrackerReport};
 

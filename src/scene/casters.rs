@@ -57,7 +57,6 @@ fn extent(parts: &[Part]) -> Option<f64> {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
     use super::*;
     use crate::mesh::Material;
     use crate::primitives;

@@ -339,7 +339,6 @@ fn read_polygon(
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
     use super::*;
     use crate::check::triangles;
     use proptest::prelude::*;

@@ -68,7 +68,6 @@ impl Slot {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
     use bytes::Bytes;
     use penumbra_interface::{MonotonicTime, PixelFormat};

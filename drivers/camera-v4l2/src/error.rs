@@ -83,7 +83,6 @@ fn group(path: &Path, groups: &Path) -> String {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
     use penumbra_interface::Recovery;
 

@@ -151,7 +151,6 @@ fn pose_line(line: &str) -> Option<(f64, RigidTransform)> {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used, clippy::expect_used)]
     use super::*;
 
     #[test]

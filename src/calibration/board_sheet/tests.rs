@@ -1,4 +1,3 @@
-#![allow(clippy::unwrap_used)]
 use super::*;
 use crate::intrinsics::Grey;
 use crate::intrinsics::detect::{Placement, find_chessboard};

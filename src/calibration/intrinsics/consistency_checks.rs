@@ -121,7 +121,6 @@ pub fn inconsistencies(
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
     use crate::intrinsics::estimate::tests::{pinhole, poses, simulated_views};
     use crate::intrinsics::{Board, ViewCollector};

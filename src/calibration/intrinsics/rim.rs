@@ -156,7 +156,6 @@ pub(super) fn deviation(rows: &[DVec2], covariance: &Matrix) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
     use crate::intrinsics::estimate::tests::{fisheye, poses, simulated_views};
     use crate::intrinsics::{Options, estimate};

@@ -187,7 +187,6 @@ fn predict(known: &[Correspondence], point: DVec2, square: f64) -> Option<(DVec2
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
 
     /// Projects a plane in perspective.

@@ -1,4 +1,3 @@
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 //! A synthetic rig: three tags on a table, a hand-held camera on a tracker.
 
 use super::*;

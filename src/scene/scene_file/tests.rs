@@ -1,4 +1,3 @@
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 use super::*;
 use crate::planes::{Layer, Receiver};
 use penumbra_camera::linear_from_srgb;

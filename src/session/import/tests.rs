@@ -1,6 +1,4 @@
 //! Valid and faulty folders, and the recordings with ground truth if available.
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
-
 use super::*;
 use crate::{Session, SessionEvent, describe};
 use penumbra_sync::{Pairing, PairingConfig, Provenance};

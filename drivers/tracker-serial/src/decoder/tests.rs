@@ -1,5 +1,3 @@
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
-
 use crate::fastrak::{Decoder, Encoding, Ending, Format, Orientation};
 use glam::DVec3;
 use penumbra_interface::MonotonicTime;

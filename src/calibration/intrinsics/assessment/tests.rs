@@ -1,4 +1,3 @@
-#![allow(clippy::unwrap_used, clippy::panic)]
 use super::*;
 use crate::intrinsics::coverage::cell_middle;
 use crate::intrinsics::estimate::tests::{fisheye, pinhole, poses, simulated_views};

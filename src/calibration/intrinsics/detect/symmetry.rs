@@ -104,7 +104,6 @@ fn gradient(picture: &Grey, p: DVec2) -> DVec2 {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
 
     /// Renders two edges that cross at `at`, with dark squares like markers on both sides if

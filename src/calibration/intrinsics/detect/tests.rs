@@ -1,4 +1,3 @@
-#![allow(clippy::unwrap_used, clippy::panic)]
 use super::*;
 use crate::intrinsics::Board;
 use crate::intrinsics::synthetic::{BoardRenderer, pose};

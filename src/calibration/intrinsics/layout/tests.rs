@@ -1,4 +1,3 @@
-#![allow(clippy::unwrap_used)]
 use super::*;
 
 /// Projects the tags of a board in perspective, according to their layout.

@@ -1,4 +1,3 @@
-#![allow(clippy::unwrap_used)]
 use super::*;
 use crate::intrinsics::estimate::tests::{pinhole, poses, simulated_views};
 use crate::intrinsics::{Board, Options, ViewCollector};

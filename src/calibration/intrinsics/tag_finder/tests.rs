@@ -1,4 +1,3 @@
-#![allow(clippy::unwrap_used, clippy::panic)]
 use super::*;
 use crate::intrinsics::estimate::tests::{fisheye, pinhole, poses_of};
 use crate::intrinsics::synthetic::{BoardRenderer, pose};

@@ -1,4 +1,3 @@
-#![allow(clippy::unwrap_used, clippy::panic)]
 use super::*;
 use crate::intrinsics::estimate::tests::{pinhole, poses, simulated_views};
 use crate::intrinsics::synthetic::{BoardRenderer, pose};

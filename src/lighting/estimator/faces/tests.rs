@@ -1,5 +1,3 @@
-#![allow(clippy::unwrap_used, clippy::panic)]
-
 use super::super::tests::{Rig, fisheye, photograph, sphere};
 use super::*;
 use crate::geodesic::sum_faces;

@@ -1,4 +1,3 @@
-#![allow(clippy::unwrap_used, clippy::expect_used)]
 use super::*;
 
 fn record(station: u8, command: u8, values: &[f32]) -> Vec<u8> {
