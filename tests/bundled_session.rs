@@ -1,6 +1,6 @@
 //! The sessions in the repository are complete and small, and hold no ground truth.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+#![expect(clippy::unwrap_used)]
 
 use penumbra_rig_model::RigDocument;
 use penumbra_session::{Session, SessionEvent};

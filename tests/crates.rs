@@ -1,6 +1,6 @@
 //! Dependencies between the crates of this workspace are the ones listed here, and run one way.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+#![expect(clippy::unwrap_used)]
 
 use serde_json::Value;
 use std::collections::{BTreeMap, BTreeSet};

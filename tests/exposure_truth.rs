@@ -3,7 +3,8 @@
 //!
 //! `cargo test --test exposure_truth -- --nocapture` prints the table.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, missing_docs)]
+#![expect(clippy::unwrap_used)]
+#![allow(missing_docs)]
 
 use glam::DVec3;
 use penumbra_camera::Response;

@@ -1,7 +1,7 @@
 //! A complete live rig with injected faults: unplugged and silent devices, truncated and damaged
 //! deliveries, a panic in a driver. Pictures continue, the status reports the reason, and a
 //! returning device is used again within two seconds.
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+#![expect(clippy::unwrap_used, clippy::panic)]
 
 use penumbra_capture::source::{Recordings, open_camera, open_tracker};
 use penumbra_compositor::Gpu;

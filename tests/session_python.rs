@@ -1,6 +1,6 @@
 //! Other software can read a session: the Python `mcap` package decodes it by the schemas in the
 //! file alone.
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+#![expect(clippy::unwrap_used)]
 
 use glam::{DQuat, DVec3};
 use penumbra_interface::{Exposure, Frame, MonotonicTime, PixelFormat, PoseSample, RigidTransform};

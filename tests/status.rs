@@ -1,5 +1,5 @@
 //! Tests of the status server over sockets.
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+#![expect(clippy::unwrap_used, clippy::expect_used)]
 
 use penumbra_picture::Picture;
 use penumbra_status::calibration::{

@@ -2,7 +2,7 @@
 //! `make uninstall`.
 
 #![cfg(target_os = "linux")]
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+#![expect(clippy::unwrap_used)]
 
 use std::path::Path;
 use std::process::{Command, Output};

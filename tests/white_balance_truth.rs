@@ -3,7 +3,8 @@
 //! `cargo test --release --test white_balance_truth -- --nocapture` prints the table.
 //! Only this test, not the program, reads the ground truth (`truth_rig.json`).
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, missing_docs)]
+#![expect(clippy::unwrap_used)]
+#![allow(missing_docs)]
 
 use glam::{DQuat, DVec2, DVec3};
 use penumbra_camera::Response;

@@ -4,7 +4,7 @@
 //! tests print SKIPPED. Tests that need a certain driver or control are skipped with
 //! other cameras. `vivid` is the kernel's simulated camera, which can produce faults.
 #![cfg(target_os = "linux")]
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+#![expect(clippy::unwrap_used, clippy::panic)]
 
 use penumbra_camera_v4l2::{BracketSettings, CameraInfo, CameraSettings, OnChange};
 use penumbra_camera_v4l2::{list_cameras, open};

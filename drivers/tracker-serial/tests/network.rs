@@ -1,5 +1,5 @@
 //! Trackers on sockets: a VRPN server and FreeD datagrams.
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+#![expect(clippy::unwrap_used)]
 #![allow(clippy::disallowed_methods, reason = "tests start their own threads")]
 
 use penumbra_interface::{DeviceError, Tracker};

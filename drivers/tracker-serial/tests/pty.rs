@@ -1,7 +1,7 @@
 //! The driver of every serial protocol with its simulated device, through a pseudo-terminal,
 //! which behaves like a serial port in most respects.
 #![cfg(unix)]
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+#![expect(clippy::unwrap_used, clippy::panic)]
 #![allow(clippy::disallowed_methods, reason = "tests start their own threads")]
 
 mod common;

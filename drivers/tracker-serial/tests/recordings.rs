@@ -1,7 +1,7 @@
 //! Recorded bytes are decoded, and the poses compared with those that the recordings are known
 //! to hold (`tests/fixtures/tracker/ORIGIN.md`): in one piece, byte by byte, and through a
 //! pseudo-terminal.
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+#![expect(clippy::unwrap_used, clippy::panic)]
 #![allow(clippy::disallowed_methods, reason = "tests start their own threads")]
 
 #[cfg(unix)]

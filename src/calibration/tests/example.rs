@@ -1,7 +1,5 @@
 //! Test of the example `calibrate_lens`.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
-
 #[path = "../examples/calibrate_lens.rs"]
 #[expect(dead_code, reason = "its `main` prints")]
 mod calibrate_lens;

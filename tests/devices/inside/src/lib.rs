@@ -4,7 +4,7 @@
 //! drivers, so that tests of the guest do not depend on them; [`rig`] finds the devices and
 //! controls the faults of the emulated cameras. [`program`] runs Penumbra, and [`recording`] reads
 //! its recordings.
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+#![expect(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 #![allow(clippy::disallowed_methods)] // a test has no rig to start its threads
 
 pub mod program;

@@ -1,4 +1,4 @@
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+#![expect(clippy::unwrap_used)]
 use super::*;
 use crate::port::testing::PtyPair;
 use proptest::prelude::*;

@@ -1,5 +1,5 @@
 //! The tracker driver on the kernel's serial ports.
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+#![expect(clippy::unwrap_used)]
 #![allow(clippy::disallowed_methods)] // a test has no rig to start its threads
 
 mod gadget;
