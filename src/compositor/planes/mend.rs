@@ -1,7 +1,7 @@
 //! Bakes anew what a changed scene asks for, and takes the rest from the bake before.
 
 use super::super::gpu::{Gpu, GpuError};
-use super::baker::{Baker, Progress, faces, tell};
+use super::baker::{Baker, Progress, faces, report};
 use penumbra_scene::Scene;
 use penumbra_scene::planes::renew::Renewal;
 use penumbra_scene::planes::{Bake, Basis, Image, ReceiverImage, ShadowingPlane};
@@ -33,7 +33,7 @@ pub fn mend(
     let receivers = baker.receivers(scene, &planes)?;
     let mut work = baker.work(&receivers);
     for (i, face) in faces.iter().enumerate() {
-        tell(progress, i, lights)?;
+        report(progress, i, lights)?;
         if active.iter().any(|k| row(*k)[i]) {
             let drawn = work.light(&baker, face, &mut mending.texels)?;
             for (k, basis) in active.iter().zip(drawn) {
@@ -41,7 +41,7 @@ pub fn mend(
             }
         }
     }
-    tell(progress, lights, lights)?;
+    report(progress, lights, lights)?;
     Ok(mending.finish(renewal, receivers, &active))
 }
 
