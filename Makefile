@@ -1,4 +1,4 @@
-# `make help` lists what there is. Variables: ARGS (more arguments for the program or the
+# `make help` lists the targets. Variables: ARGS (additional arguments of the program or the
 # script), SESSION, TEMPLE_SESSION, TRUTH, CARGO_TARGET_DIR.
 SHELL := bash
 .SHELLFLAGS := -eu -o pipefail -c
@@ -19,7 +19,7 @@ UDEVDIR ?= /etc/udev/rules.d
 # itself. Then: packages that were unpacked without root (.ci/packages --no-root).
 export NODEVICE_SELECT ?= 1
 UNPACKED := if [ -f target/packages/env ]; then . target/packages/env; fi;
-# A window needs a display; without one the picture is in the browser.
+# A window needs a display; without one the picture is shown in the browser.
 WINDOW := $(if $(DISPLAY)$(WAYLAND_DISPLAY),,--headless)
 
 .PHONY: help demo demo-temple demo-lamp build test check docs docs-write unit advisories bench bench-table fidelity calibration soak fuzz fmt packages-demo packages-test toolchain clean install uninstall test-devices
@@ -27,19 +27,19 @@ WINDOW := $(if $(DISPLAY)$(WAYLAND_DISPLAY),,--headless)
 help: ## This list
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/' | expand -t 14
 
-demo: packages-demo build ## Install what is missing, build, replay the bundled session, print one address
+demo: packages-demo build ## Install missing packages, build, replay the bundled session, print its address
 	@$(UNPACKED) exec $(PENUMBRA) replay $(SESSION) --config config/demo.toml --loop $(WINDOW) $(ARGS)
 
-demo-temple: packages-demo build ## The same outdoors: a temple gate, shadows from baked planes, daylight that changes
+demo-temple: packages-demo build ## The same outdoors: a temple gate, baked shadowing planes, changing daylight
 	@$(UNPACKED) exec $(PENUMBRA) replay $(TEMPLE_SESSION) --config config/demo-temple.toml --loop $(WINDOW) $(ARGS)
 
-demo-lamp: packages-demo build ## A table: a lamp that is not there lights it, moves about and goes out and on
+demo-lamp: packages-demo build ## The same with a virtual lamp that lights a table, moves and is switched off and on
 	@$(UNPACKED) exec $(PENUMBRA) replay $(SESSION) --config config/demo-lamp.toml --loop $(WINDOW) $(ARGS)
 
 build: toolchain ## The program, optimised: target/release/penumbra
 	@$(UNPACKED) cargo build --release --locked --bin penumbra
 
-test: packages-test toolchain ## Install what is missing, then run all tests, and judge pictures by path-traced truth
+test: packages-test toolchain ## Install missing packages, run all tests, compare pictures with path-traced ground truth
 	@$(UNPACKED) .ci/test test
 
 check: packages-test toolchain ## Formatting, lints, documentation, spelling, licences
@@ -58,24 +58,24 @@ unit: toolchain ## Rust tests alone
 test-devices: toolchain ## Real kernel cameras and serial ports, in a small VM; ARGS="environment kernel program serial"
 	@tests/devices/run $(ARGS)
 
-advisories: ## Known security holes in dependencies (needs the network)
+advisories: ## Known vulnerabilities of dependencies (needs the network)
 	cargo deny --locked check advisories
 
-bench: build ## The paper's table 1 on this machine, and what capturing costs; ARGS="--case supan --json FILE"
+bench: build ## The paper's table 1 on this machine, and the cost of capturing; ARGS="--case supan --json FILE"
 	@$(UNPACKED) $(PENUMBRA) bench $(ARGS)
 
-bench-table: build ## The papers' rows, put into docs/src/results/bench.md
+bench-table: build ## Measure the papers' rows and write them to docs/src/results/bench.md
 	@for case in supan kakuta2007 kakuta2004 lightprobe; do \
 	  $(UNPACKED) $(PENUMBRA) bench --case $$case --json $(TARGET)/bench-$$case.json --force $(ARGS); done
 	@python3 tests/judge/bench_table.py $(TARGET)/bench-supan.json $(TARGET)/bench-kakuta2007.json $(TARGET)/bench-kakuta2004.json $(TARGET)/bench-lightprobe.json
 
-fidelity: build ## Compare pictures with path-traced truth; ARGS="--sessions desk.mcap --no-planes"
+fidelity: build ## Compare pictures with path-traced ground truth; ARGS="--sessions desk.mcap --no-planes"
 	@$(UNPACKED) python3 tests/judge/fidelity.py --penumbra $(PENUMBRA) --truth $(TRUTH) $(ARGS)
 
-calibration: build ## Judge calibration and registration by known figures; ARGS="--simulated DIR --only intrinsics"
+calibration: build ## Compare calibration and registration with known references; ARGS="--simulated DIR --only intrinsics"
 	@$(UNPACKED) python3 tests/judge/calibration.py --penumbra $(PENUMBRA) --truth $(TRUTH) $(ARGS)
 
-soak: build ## Long: 10,000 frames of a looped replay must leave memory flat
+soak: build ## Long: memory must stay constant over 10,000 frames of a looped replay
 	@$(UNPACKED) python3 tests/judge/soak.py $(PENUMBRA) $(SESSION) $(ARGS)
 
 fuzz: ## Fuzz every byte protocol and the session reader; FUZZ_SECONDS=30 each, ARGS="fastrak csv"
@@ -92,7 +92,7 @@ install: ## Program, service, udev rules, user; DESTDIR= PREFIX=/usr/local SYSCO
 	test -e $(DESTDIR)$(SYSCONFDIR)/penumbra/rig.toml || install -m 644 config/rig.toml $(DESTDIR)$(SYSCONFDIR)/penumbra/rig.toml
 	@$(if $(DESTDIR),,systemd-sysusers; systemctl daemon-reload; udevadm control --reload; udevadm trigger -s video4linux -s tty -s usb-serial; echo "edit $(SYSCONFDIR)/penumbra/rig.toml, then: systemctl enable --now penumbra")
 
-uninstall: ## Take all of that away again, but not $(SYSCONFDIR)/penumbra and recordings
+uninstall: ## Remove the installed files, but not $(SYSCONFDIR)/penumbra and recordings
 	@$(if $(DESTDIR),,systemctl disable --now penumbra 2>/dev/null || true)
 	rm -f $(DESTDIR)$(PREFIX)/bin/penumbra $(DESTDIR)$(UNITDIR)/penumbra.service
 	rm -f $(DESTDIR)$(UDEVDIR)/70-penumbra.rules $(DESTDIR)$(PREFIX)/lib/sysusers.d/penumbra.conf
@@ -101,7 +101,7 @@ uninstall: ## Take all of that away again, but not $(SYSCONFDIR)/penumbra and re
 fmt: ## Format all Rust
 	cargo fmt --all
 
-clean: ## Remove everything that was built
+clean: ## Remove build outputs
 	cargo clean
 
 toolchain:

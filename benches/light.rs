@@ -1,7 +1,8 @@
 //! What it costs to turn an environment picture into light, and of that to filter what glossy
 //! surfaces mirror: `cargo bench -p penumbra --bench light`.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, missing_docs)]
+#![expect(clippy::unwrap_used)]
+#![allow(missing_docs)]
 
 use criterion::{Criterion, criterion_group, criterion_main};
 use glam::{DQuat, DVec2, DVec3, Vec3};

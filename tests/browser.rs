@@ -1,5 +1,5 @@
 //! The dashboard in Chromium.
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+#![expect(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 mod support;
 
@@ -93,7 +93,7 @@ fn dashboard_shows_moving_pictures_without_console_errors() {
     wait_for_motion(&mut browser);
     std::thread::sleep(Duration::from_secs(3));
     keep("desktop.png", &browser.screenshot(false));
-    keep("desktop-whole.png", &browser.screenshot(true));
+    keep("desktop-complete.png", &browser.screenshot(true));
     assert_eq!(browser.complaints(), [""; 0]);
 }
 
@@ -139,11 +139,11 @@ impl Program {
             .stdout(Stdio::piped())
             .spawn()
             .unwrap();
-        let mut said = String::new();
+        let mut line = String::new();
         let out = child.stdout.take().unwrap();
         let program = Self(child);
-        BufReader::new(out).read_line(&mut said).unwrap();
-        let address = said.trim_end().strip_prefix("status page: ");
+        BufReader::new(out).read_line(&mut line).unwrap();
+        let address = line.trim_end().strip_prefix("status page: ");
         (program, address.unwrap().to_owned())
     }
 }
@@ -273,7 +273,7 @@ fn dashboard_calibrates_a_lens() {
     browser.wait_for("document.getElementById('calibrate-start').checkVisibility()");
     browser.evaluate("document.getElementById('calibrate-card').scrollIntoView()");
     keep("calibrate-form.png", &browser.screenshot(false));
-    // An invalid board is refused beside its field.
+    // The refusal of an invalid board is shown next to its field.
     let type_board = |browser: &mut Chromium, board: &str| {
         browser.evaluate(&format!(
             "document.querySelector('[name=board]').value = '{board}'"
@@ -345,7 +345,7 @@ fn dashboard_fits_a_telephone() {
     browser.resize(400, 800);
     open(&mut browser, &show);
     std::thread::sleep(Duration::from_secs(2));
-    keep("telephone-whole.png", &browser.screenshot(true));
+    keep("telephone-complete.png", &browser.screenshot(true));
     let width = browser.evaluate("document.documentElement.scrollWidth");
     assert_eq!(width, 400, "the page scrolls sideways");
     assert_eq!(browser.complaints(), [""; 0]);
@@ -416,8 +416,8 @@ fn planes_card_is_shown_while_planes_are_active() {
     );
     browser.evaluate("(() => { const s = document.querySelector('[name=technique]'); s.value = 'shadowing-planes'; s.dispatchEvent(new Event('input', {bubbles: true})); })()");
     browser.wait_for("!document.getElementById('planes-card').hidden && document.getElementById('planes-pill').textContent === 'ready'");
-    let wish = "(() => { const s = document.querySelector('[name=planes_skip_below]'); s.value = '0.02'; s.dispatchEvent(new Event('input', {bubbles: true})); })()";
-    browser.evaluate(wish);
+    let change = "(() => { const s = document.querySelector('[name=planes_skip_below]'); s.value = '0.02'; s.dispatchEvent(new Event('input', {bubbles: true})); })()";
+    browser.evaluate(change);
     browser.wait_for("document.getElementById('planes-facts').textContent.includes('1,387')");
     browser.wait_for(
         "fetch('/status').then(r => r.json()).then(s => s.settings.planes_skip_below === 0.02)",

@@ -1,6 +1,6 @@
 //! The sessions in the repository are complete and small, and hold no ground truth.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+#![expect(clippy::unwrap_used)]
 
 use penumbra_rig_model::RigDocument;
 use penumbra_session::{Session, SessionEvent};
@@ -8,7 +8,7 @@ use std::path::PathBuf;
 
 /// Names and how many bytes they may have.
 const SESSIONS: [(&str, u64); 2] = [("desk.mcap", 6_000_000), ("courtyard.mcap", 3_000_000)];
-const JUDGES_ONLY: [&str; 5] = ["truth", "masks", "light_truth", "camera_truth", "truth_rig"];
+const GROUND_TRUTH: [&str; 5] = ["truth", "masks", "light_truth", "camera_truth", "truth_rig"];
 
 fn open(name: &str) -> Session {
     let folder = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("tests/fixtures/sessions");
@@ -68,12 +68,12 @@ fn sessions_hold_no_ground_truth() {
     for (name, _) in SESSIONS {
         let session = open(name);
         for attachment in session.attachments() {
-            for name in JUDGES_ONLY {
+            for name in GROUND_TRUTH {
                 assert!(!attachment.name.contains(name), "{}", attachment.name);
             }
         }
         let rig = session.attachment("rig.json").unwrap().to_vec();
         let rig = String::from_utf8(rig).unwrap();
-        assert!(!rig.contains("truth/"), "rig.json names the judge's files");
+        assert!(!rig.contains("truth/"), "rig.json refers to ground truth");
     }
 }

@@ -1,15 +1,15 @@
 //! Dependencies between the crates of this workspace are the ones listed here, and run one way.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+#![expect(clippy::unwrap_used)]
 
 use serde_json::Value;
 use std::collections::{BTreeMap, BTreeSet};
 use std::process::Command;
 
 /// Each crate (without the prefix `penumbra-`) and the crates of this workspace on which it may
-/// depend. The order is topological: a crate stands below all that it depends on.
+/// depend. The order is topological: a crate is below all its dependencies.
 const ALLOWED: &[(&str, &[&str])] = &[
-    // Devices: they know the interface and nothing of light or of the rig.
+    // Devices: they depend on the interface and not on light or the rig.
     ("interface", &[]),
     ("camera-nokhwa", &["interface"]),
     ("camera-v4l2", &["interface"]),
@@ -17,7 +17,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
     ("replay", &["interface"]),
     ("synthetic", &["interface"]),
     ("tracker-serial", &["interface"]),
-    // No knowledge of light or of the rig.
+    // Independent of light and of the rig.
     ("numerics", &[]),
     ("strict-toml", &[]),
     ("picture", &["interface"]),
@@ -30,7 +30,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
         "scene",
         &["interface", "numerics", "strict-toml", "camera", "lighting"],
     ),
-    // What is known of the rig, and how it is measured.
+    // Model of the rig, and its calibration.
     ("fiducials", &["interface", "numerics", "picture", "camera"]),
     (
         "white-balance",
@@ -124,7 +124,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
             "config",
         ],
     ),
-    // Wires everything.
+    // Connects everything.
     (
         "rig",
         &[
@@ -182,7 +182,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
 /// `test-data` is open to all.
 const ALLOWED_IN_TESTS: &[(&str, &[&str])] = &[
     ("tracker-serial", &["synthetic"]),
-    // The simulated tracker of the pairing tests speaks a protocol.
+    // The simulated tracker of the pairing tests needs a protocol.
     ("sync", &["tracker-serial"]),
     ("session", &["sync"]),
     ("capture", &["faulty"]),
@@ -268,22 +268,22 @@ fn differences(used: &Graph, allowed: &Graph, list: &str) -> Vec<String> {
     lines
 }
 
-/// One line for each entry of the list that stands above one of its dependencies.
+/// One line for each entry of the list that is above one of its dependencies.
 fn out_of_order(list: &[(&str, &[&str])]) -> Vec<String> {
     let mut above = BTreeSet::new();
     let mut lines = Vec::new();
     for (name, dependencies) in list {
         let below = dependencies.iter().filter(|d| !above.contains(*d));
-        lines.extend(below.map(|d| format!("{name} must stand below {d} in ALLOWED")));
+        lines.extend(below.map(|d| format!("{name} must be below {d} in ALLOWED")));
         if !above.insert(name) {
-            lines.push(format!("{name} stands in ALLOWED twice"));
+            lines.push(format!("{name} is in ALLOWED twice"));
         }
     }
     lines
 }
 
-/// The crates of a cycle or of what leads to one: those left when crates whose dependencies are
-/// all gone are removed again and again (Kahn 1962).
+/// The crates in a cycle or depending on one: those that remain when crates without remaining
+/// dependencies are removed repeatedly (Kahn 1962).
 fn cyclic(graph: &Graph) -> BTreeSet<String> {
     let mut left = graph.clone();
     loop {
@@ -313,9 +313,9 @@ fn crates_depend_only_on_what_is_allowed() {
     let missing = normal.keys().filter(|n| !listed.contains(n.as_str()));
     lines
         .extend(missing.map(|n| format!("{n} is missing from ALLOWED: add it in tests/crates.rs")));
-    let gone = listed.iter().filter(|n| !normal.contains_key(**n));
+    let removed = listed.iter().filter(|n| !normal.contains_key(**n));
     lines.extend(
-        gone.map(|n| format!("{n} is no crate: remove it from ALLOWED in tests/crates.rs")),
+        removed.map(|n| format!("{n} is no crate: remove it from ALLOWED in tests/crates.rs")),
     );
     assert!(lines.is_empty(), "\n{}", lines.join("\n"));
 }
@@ -332,7 +332,7 @@ fn dependencies_run_one_way() {
 #[test]
 fn forbidden_unused_misplaced_and_cyclic_dependencies_are_reported() {
     let list: &[(&str, &[&str])] = &[("a", &["b"]), ("b", &[]), ("c", &[])];
-    assert_eq!(out_of_order(list), ["a must stand below b in ALLOWED"]);
+    assert_eq!(out_of_order(list), ["a must be below b in ALLOWED"]);
     let used = from_list(&[("a", &[]), ("b", &["c"]), ("c", &[])]);
     assert_eq!(
         differences(&used, &from_list(list), "ALLOWED"),

@@ -1,7 +1,7 @@
 //! Checks the documents (README, ARCHITECTURE, CHANGELOG and every page of the book): settings and
 //! scene files that they show can be read, command lines can be parsed, make targets, linked files
-//! and headings exist, every page is listed in the book's summary, the README's figures stand in
-//! the results, and the two documents that people read first stay short.
+//! and headings exist, every page is listed in the book's summary, the README's figures are in
+//! the results, and the two introductory documents are short.
 
 #![expect(
     clippy::unwrap_used,
@@ -28,7 +28,7 @@ const SCENE_TABLES: [&str; 6] = [
     "[ground]",
 ];
 
-/// A fenced block of a document, with the place of its first line for messages.
+/// A fenced block of a document, with the location of its first line for messages.
 struct Block {
     place: String,
     text: String,
@@ -202,7 +202,7 @@ fn settings_and_scene_files_in_the_documents_can_be_read() {
         blocks.len()
     );
     let folder = tempfile::tempdir().unwrap();
-    // Settings may name a scene file beside them.
+    // Settings may name a scene file in the same folder.
     let scene = folder.path().join("scene.toml");
     std::fs::copy(root().join("config/scene.toml"), scene).unwrap();
     let path = folder.path().join("block.toml");
@@ -288,7 +288,7 @@ fn linked_files_and_headings_exist() {
             };
             assert!(
                 root().join(&file).exists(),
-                "{document}: {link} is not there"
+                "{document}: {link} does not exist"
             );
             let known = heading.is_empty() || anchors(&file).contains(heading);
             assert!(known, "{document}: {file} has no heading for #{heading}");
@@ -312,7 +312,7 @@ fn pages_of_the_book_link_to_pages_of_the_book() {
 }
 
 #[test]
-fn the_summary_lists_every_page_once() {
+fn summary_lists_every_page_once() {
     let listed: Vec<String> = links(SUMMARY)
         .iter()
         .map(|link| resolve(SUMMARY, link))
@@ -327,7 +327,7 @@ fn the_summary_lists_every_page_once() {
 /// Rows of the README's tables whose last cell links to a results page: their figures are those of
 /// that page.
 #[test]
-fn figures_in_the_readme_stand_in_the_results() {
+fn figures_in_the_readme_are_in_the_results() {
     let readme = text("README.md");
     let rows = readme.lines().filter(|line| line.starts_with('|'));
     let mut found = 0;
@@ -362,11 +362,11 @@ fn figures_in_the_readme_stand_in_the_results() {
 
 #[test]
 fn readme_and_architecture_are_short() {
-    for (document, most) in [("README.md", 200), ("ARCHITECTURE.md", 300)] {
+    for (document, max) in [("README.md", 200), ("ARCHITECTURE.md", 300)] {
         let lines = text(document).lines().count();
         assert!(
-            lines <= most,
-            "{document} has {lines} lines, more than {most}"
+            lines <= max,
+            "{document} has {lines} lines, more than {max}"
         );
     }
 }

@@ -1,9 +1,10 @@
-//! What clipped pixels show in a shorter exposure, against really shorter exposures: the
-//! bracketed pictures of the path-traced surroundings, merged.
+//! Compares clipped pixels after a virtual shortening of the exposure with shorter exposures: the
+//! merged bracketed pictures of the path-traced environments.
 //!
 //! `cargo test --test exposure_truth -- --nocapture` prints the table.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, missing_docs)]
+#![expect(clippy::unwrap_used)]
+#![allow(missing_docs)]
 
 use glam::DVec3;
 use penumbra_camera::Response;
@@ -20,7 +21,7 @@ const SESSIONS: [(&str, &[i32]); 4] = [
     ("desk-lamp", &[-4, -8]),
 ];
 
-/// From this code on a channel counts as clipped.
+/// Minimum code of a clipped channel.
 const CLIPPED: u8 = 250;
 
 fn folder() -> PathBuf {
@@ -31,7 +32,7 @@ fn read(path: &Path) -> Picture {
     Picture::from_file_bytes(&std::fs::read(path).unwrap()).unwrap()
 }
 
-/// Linear light of each pixel: from the longest exposure that holds it, fading over 225 to 248.
+/// Linear light of each pixel: from the longest unclipped exposure, blended over codes 225 to 248.
 fn merged(session: &str, brackets: &[i32], base: &Picture, response: &Response) -> Vec<DVec3> {
     let linear =
         |p: &[u8]| DVec3::from(response.linear_from_rgb([p[0], p[1], p[2]]).map(f64::from));
@@ -55,7 +56,7 @@ fn merged(session: &str, brackets: &[i32], base: &Picture, response: &Response) 
     light
 }
 
-/// Root of the mean square difference of codes.
+/// Root mean square difference of codes.
 fn error(light: &[DVec3], truth: &[DVec3], pixels: &[bool]) -> f64 {
     let code = |v: f64| 255.0 * f64::from(Response::srgb().encoded_from_linear(v as f32));
     let differences = light.iter().zip(truth).zip(pixels).filter(|(_, p)| **p);
@@ -70,14 +71,14 @@ fn error(light: &[DVec3], truth: &[DVec3], pixels: &[bool]) -> f64 {
 }
 
 #[test]
-fn clipped_pixels_come_nearer_to_a_really_shorter_exposure_than_by_scaling() {
+fn clipped_pixels_have_less_error_than_by_scaling() {
     if !folder().is_dir() {
         eprintln!("SKIPPED exposure_truth: ../shared is missing");
         return;
     }
     let response = Response::srgb();
     println!(
-        "| session | stops | wholly clipped: scaled | paper | ours | partly: scaled | paper | ours |"
+        "| session | stops | fully clipped: scaled | paper | ours | partly: scaled | paper | ours |"
     );
     println!("|---|---|---|---|---|---|---|---|");
     let (mut scaled_all, mut ours_all) = ([0.0; 2], [0.0; 2]);
@@ -86,7 +87,7 @@ fn clipped_pixels_come_nearer_to_a_really_shorter_exposure_than_by_scaling() {
         let truth = merged(session, brackets, &base, &response);
         let clipped = |p: &[u8]| p[..3].iter().filter(|c| **c >= CLIPPED).count();
         let pixels = base.rgba.chunks_exact(4);
-        let wholly: Vec<bool> = pixels.clone().map(|p| clipped(p) == 3).collect();
+        let fully: Vec<bool> = pixels.clone().map(|p| clipped(p) == 3).collect();
         let partly: Vec<bool> = pixels
             .clone()
             .map(|p| (1..3).contains(&clipped(p)))
@@ -99,7 +100,7 @@ fn clipped_pixels_come_nearer_to_a_really_shorter_exposure_than_by_scaling() {
             let scaled = |p: &[u8]| DVec3::from(linear(p).map(f64::from)) * f64::from(factor);
             let scaled: Vec<DVec3> = pixels.clone().map(scaled).collect();
             let paper = exposed(&base, &response, factor, Highlights::Paper);
-            let row = [&wholly, &partly]
+            let row = [&fully, &partly]
                 .map(|which| [&scaled, &paper, &ours].map(|light| error(light, &shorter, which)));
             let [[a, b, c], [d, e, f]] = row;
             println!(

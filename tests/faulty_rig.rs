@@ -1,7 +1,7 @@
-//! A whole live rig whose devices misbehave on purpose: unplugged, silent, cut short, damaged,
-//! with a bug in a driver. The picture goes on, the status says why, and who comes back is
-//! taken back within two seconds.
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+//! A complete live rig with injected faults: unplugged and silent devices, truncated and damaged
+//! deliveries, a panic in a driver. Pictures continue, the status reports the reason, and a
+//! returning device is used again within two seconds.
+#![expect(clippy::unwrap_used, clippy::panic)]
 
 use penumbra_capture::source::{Recordings, open_camera, open_tracker};
 use penumbra_compositor::Gpu;
@@ -24,17 +24,17 @@ use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-/// What a device does, opening by opening.
+/// The faults of a device: one plan for each time that it is opened.
 #[derive(Clone)]
-struct Trouble {
+struct FaultyDevice {
     name: &'static str,
     plans: Arc<Mutex<VecDeque<Plan>>>,
-    /// Times that it may still be opened; then it is not there.
+    /// How many more times it can be opened; after that it is not found.
     plugged_in: Arc<AtomicU32>,
 }
 
-impl Trouble {
-    /// After the last plan the device is as good as the recorded one inside.
+impl FaultyDevice {
+    /// After the last plan the device works like the recorded one inside.
     fn new(name: &'static str, openings: u32, plans: Vec<Plan>) -> Self {
         Self {
             name,
@@ -43,7 +43,7 @@ impl Trouble {
         }
     }
 
-    /// What becomes of this opening.
+    /// The plan for this opening.
     fn plan(&self) -> Result<Plan, DeviceError> {
         let one_less = |left: u32| left.checked_sub(1);
         let (set, fetch) = (Ordering::Relaxed, Ordering::Relaxed);
@@ -63,25 +63,25 @@ fn session() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/fixtures/sessions/desk.mcap")
 }
 
-fn camera(stream: Stream, recordings: &Recordings, trouble: &Trouble) -> CameraSource {
-    let (recordings, trouble) = (recordings.clone(), trouble.clone());
-    CameraSource::Custom(DeviceFactory::new(trouble.name, move |clock| {
-        let plan = trouble.plan()?;
+fn camera(stream: Stream, recordings: &Recordings, faults: &FaultyDevice) -> CameraSource {
+    let (recordings, faults) = (recordings.clone(), faults.clone());
+    CameraSource::Custom(DeviceFactory::new(faults.name, move |clock| {
+        let plan = faults.plan()?;
         let inner = open_camera(&CameraSource::Replay(session()), stream, &recordings, clock)?;
         Ok(Box::new(FaultyCamera::new(inner, plan)) as Box<dyn Camera>)
     }))
 }
 
-fn tracker(recordings: &Recordings, trouble: &Trouble) -> TrackerSource {
-    let (recordings, trouble) = (recordings.clone(), trouble.clone());
-    TrackerSource::Custom(DeviceFactory::new(trouble.name, move |clock| {
-        let plan = trouble.plan()?;
+fn tracker(recordings: &Recordings, faults: &FaultyDevice) -> TrackerSource {
+    let (recordings, faults) = (recordings.clone(), faults.clone());
+    TrackerSource::Custom(DeviceFactory::new(faults.name, move |clock| {
+        let plan = faults.plan()?;
         let inner = open_tracker(&TrackerSource::Replay(session()), &recordings, clock)?;
         Ok(Box::new(FaultyTracker::new(inner, plan)) as Box<dyn Tracker>)
     }))
 }
 
-/// The rig at work; ended in order when it is dropped.
+/// A running rig; dropping it ends it.
 struct Rig {
     status: Arc<SharedStatus>,
     shutdown: Arc<AtomicBool>,
@@ -89,7 +89,7 @@ struct Rig {
 }
 
 impl Rig {
-    fn start(scene: &Trouble, environment: &Trouble, poses: &Trouble) -> Self {
+    fn start(scene: &FaultyDevice, environment: &FaultyDevice, poses: &FaultyDevice) -> Self {
         let recordings = Recordings::default();
         let mut config = Config::default();
         config.scene_camera.source = camera(Stream::Scene, &recordings, scene);
@@ -119,7 +119,7 @@ impl Rig {
         devices.into_iter().find(|device| device.kind == kind)
     }
 
-    /// Waits until something is true of a device; how long that took.
+    /// Waits until a condition on a device holds; returns the time.
     fn until(
         &self,
         kind: DeviceKind,
@@ -145,8 +145,8 @@ impl Rig {
         begun.elapsed()
     }
 
-    /// Waits for more pictures of which `more` counts.
-    fn goes_on(&self, what: &str, more: impl Fn(&Snapshot) -> u64) {
+    /// Waits until the counter `more` increases.
+    fn wait_for_more(&self, what: &str, more: impl Fn(&Snapshot) -> u64) {
         let before = more(&self.status.snapshot());
         self.wait(what, |rig| more(&rig.status.snapshot()) > before + 5);
     }
@@ -176,61 +176,64 @@ fn with_pose(s: &Snapshot) -> u64 {
 
 const RETURN: Duration = Duration::from_secs(2);
 
-fn gone(name: &str) -> Fault {
+fn not_found(name: &str) -> Fault {
     let device = name.to_owned();
     Fault::Error(DeviceError::Unplugged { device })
 }
 
-fn well(name: &'static str) -> Trouble {
-    Trouble::new(name, u32::MAX, Vec::new())
+fn faultless(name: &'static str) -> FaultyDevice {
+    FaultyDevice::new(name, u32::MAX, Vec::new())
 }
 
 #[test]
 fn pictures_continue_without_tracker_and_with_a_faulty_driver() {
-    let environment = Trouble::new("environment", 2, vec![Plan::new([(30, Fault::Panic)])]);
-    let poses = Trouble::new(
+    let environment = FaultyDevice::new("environment", 2, vec![Plan::new([(30, Fault::Panic)])]);
+    let poses = FaultyDevice::new(
         "tracker",
         1,
         vec![Plan::new([
             (60, Fault::Flipped { every: 3 }),
             (0, Fault::CutShort { share: 0.5 }),
-            (60, gone("tracker")),
+            (60, not_found("tracker")),
         ])],
     );
-    let rig = Rig::start(&well("scene"), &environment, &poses);
-    rig.until(DeviceKind::Tracker, "its loss is told", |d| {
+    let rig = Rig::start(&faultless("scene"), &environment, &poses);
+    rig.until(DeviceKind::Tracker, "its loss is reported", |d| {
         d.state == DeviceState::Retrying
-            && d.reason.as_deref() == Some("tracker: not there; plug it in or name another one")
+            && d.reason.as_deref()
+                == Some("tracker: not connected; plug it in or configure another one")
     });
-    let told = rig.device(DeviceKind::Tracker).unwrap();
-    assert_eq!(told.losses, 1, "{told:?}");
-    rig.goes_on("the picture, without poses", |s| s.frames.without_pose);
+    let reported = rig.device(DeviceKind::Tracker).unwrap();
+    assert_eq!(reported.losses, 1, "{reported:?}");
+    rig.wait_for_more("pictures without poses", |s| s.frames.without_pose);
     poses.plug_in();
     let waited = rig.until(DeviceKind::Tracker, "it streams again", |d| {
         d.state == DeviceState::Streaming
     });
     assert!(waited < RETURN, "{waited:?}");
-    rig.goes_on("poses pair again", with_pose);
+    rig.wait_for_more("poses pair again", with_pose);
 
-    // A driver's bug costs its device, and only until the next try.
-    rig.until(DeviceKind::EnvironmentCamera, "its bug is told", |d| {
-        let trouble = d.last_error.as_deref();
-        trouble.is_some_and(|t| t.contains("its driver has a bug"))
+    // A panic in a driver affects only its device, until that is opened again.
+    rig.until(DeviceKind::EnvironmentCamera, "its bug is reported", |d| {
+        let faults = d.last_error.as_deref();
+        faults.is_some_and(|t| t.contains("its driver has a bug"))
     });
-    rig.until(DeviceKind::EnvironmentCamera, "it is back", |d| {
-        d.state == DeviceState::Streaming && d.losses == 1
-    });
-    rig.goes_on("all is well", with_pose);
+    rig.until(
+        DeviceKind::EnvironmentCamera,
+        "it streams again after the bug",
+        |d| d.state == DeviceState::Streaming && d.losses == 1,
+    );
+    rig.wait_for_more("poses continue", with_pose);
     rig.end();
 }
 
 #[test]
 fn faulty_scene_camera_is_reported_and_reopened() {
-    let scene = Trouble::new(
+    let scene = FaultyDevice::new(
         "scene",
         1,
         vec![
-            Plan::new([(40, gone("scene"))]),
+            Plan::new([(40, not_found("scene"))]),
             Plan::new([
                 (20, Fault::CutShort { share: 0.4 }),
                 (0, Fault::CutShort { share: 0.0 }),
@@ -241,34 +244,38 @@ fn faulty_scene_camera_is_reported_and_reopened() {
             ]),
         ],
     );
-    let rig = Rig::start(&scene, &well("environment"), &well("tracker"));
-    rig.until(DeviceKind::SceneCamera, "its loss is told", |d| {
+    let rig = Rig::start(&scene, &faultless("environment"), &faultless("tracker"));
+    rig.until(DeviceKind::SceneCamera, "its loss is reported", |d| {
         let reason = d.reason.as_deref();
-        d.state == DeviceState::Retrying && reason.is_some_and(|r| r.contains("not there"))
+        d.state == DeviceState::Retrying && reason.is_some_and(|r| r.contains("not connected"))
     });
-    let told = rig.status.snapshot().session.description;
+    let reported = rig.status.snapshot().session.description;
     assert!(
-        told.contains("no picture arrives: scene: not there"),
-        "{told}"
+        reported.contains("no picture arrives: scene: not connected"),
+        "{reported}"
     );
     scene.plug_in();
     let waited = rig.until(DeviceKind::SceneCamera, "it streams again", |d| {
         d.state == DeviceState::Streaming
     });
     assert!(waited < RETURN, "{waited:?}");
-    rig.goes_on("the picture is back", pictures);
+    rig.wait_for_more("pictures continue after the loss", pictures);
 
-    // Open, and says nothing for a while: told, and waited out without opening it anew.
-    rig.until(DeviceKind::SceneCamera, "its silence is told", |d| {
+    // A device that is open but silent for a while is reported, and not opened again.
+    rig.until(DeviceKind::SceneCamera, "its silence is reported", |d| {
         let reason = d.reason.as_deref();
         d.state == DeviceState::Silent && reason.is_some_and(|r| r.contains("silent for"))
     });
-    rig.until(DeviceKind::SceneCamera, "it speaks again", |d| {
+    rig.until(DeviceKind::SceneCamera, "it delivers again", |d| {
         d.state == DeviceState::Streaming
     });
-    let told = rig.device(DeviceKind::SceneCamera).unwrap();
-    assert_eq!((told.losses, told.reason.as_deref()), (1, None), "{told:?}");
-    rig.goes_on("the picture goes on", with_pose);
+    let reported = rig.device(DeviceKind::SceneCamera).unwrap();
+    assert_eq!(
+        (reported.losses, reported.reason.as_deref()),
+        (1, None),
+        "{reported:?}"
+    );
+    rig.wait_for_more("pictures continue after the silence", with_pose);
     let report = rig.end();
     assert!(report.frames.damaged >= 1, "{:?}", report.frames);
 }

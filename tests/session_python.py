@@ -1,6 +1,6 @@
-"""Reads a session with the `mcap` package alone and says what is in it.
+"""Reads a session with the `mcap` package alone and prints its contents.
 
-Exits 77 where the package is missing. Run by tests/session_python.rs.
+Exits with 77 if the package is missing. Run by tests/session_python.rs.
 """
 
 import json
@@ -15,7 +15,7 @@ except ImportError as missing:
 
 
 def decoder(schema):
-    """A class that decodes messages of a protobuf schema, built from the schema alone."""
+    """Returns a class that decodes messages of a protobuf schema, built from the schema alone."""
     files = descriptor_pb2.FileDescriptorSet.FromString(schema.data)
     pool = descriptor_pool.DescriptorPool()
     for file in files.file:
@@ -27,12 +27,12 @@ def nanos(stamp):
     return stamp.seconds * 10**9 + stamp.nanos
 
 
-def tell(schema, channel, message):
+def describe(schema, channel, message):
     head = f"{message.log_time} {channel.topic} {schema.name}"
     if schema.encoding == "jsonschema":
         json.loads(schema.data)
-        told = json.loads(message.data)
-        return f"{head} {told['sequence']} {told['exposure_micros']} {told['gain']}"
+        values = json.loads(message.data)
+        return f"{head} {values['sequence']} {values['exposure_micros']} {values['gain']}"
     decoded = decoder(schema).FromString(message.data)
     if schema.name == "foxglove.CompressedImage":
         stamp = nanos(decoded.timestamp)
@@ -54,6 +54,6 @@ with open(sys.argv[1], "rb") as file:
     summary = reader.get_summary()
     print(f"messages {summary.statistics.message_count}")
     for schema, channel, message in reader.iter_messages():
-        print(tell(schema, channel, message))
+        print(describe(schema, channel, message))
     for attachment in reader.iter_attachments():
         print(f"attachment {attachment.name} {attachment.media_type} {attachment.data.decode()}")

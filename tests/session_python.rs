@@ -1,6 +1,6 @@
-//! A session is an MCAP file to others too: the Python `mcap` package reads it, with no
-//! more to go by than the schemas in the file.
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+//! Other software can read a session: the Python `mcap` package decodes it by the schemas in the
+//! file alone.
+#![expect(clippy::unwrap_used)]
 
 use glam::{DQuat, DVec3};
 use penumbra_interface::{Exposure, Frame, MonotonicTime, PixelFormat, PoseSample, RigidTransform};
@@ -66,7 +66,7 @@ attachment object/textures/wood.png image/png png
 ";
 
 #[test]
-fn python_reads_what_was_recorded() {
+fn python_reads_recorded_messages() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("session.mcap");
     record(&path);
@@ -76,7 +76,7 @@ fn python_reads_what_was_recorded() {
         Ok(output) if output.status.code() != Some(77) => output,
         _ => {
             eprintln!(
-                "SKIPPED python_reads_what_was_recorded: {python} lacks mcap or protobuf; \
+                "SKIPPED python_reads_recorded_messages: {python} lacks mcap or protobuf; \
                  name another one in PENUMBRA_PYTHON"
             );
             return;

@@ -1,5 +1,5 @@
 //! Tests of the status server over sockets.
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+#![expect(clippy::unwrap_used, clippy::expect_used)]
 
 use penumbra_picture::Picture;
 use penumbra_status::calibration::{
@@ -313,7 +313,7 @@ fn encodes_nothing_without_viewers() {
     assert!(server.shared.wants_picture());
     drop(viewer);
     server.picture(1);
-    server.until("the viewer is gone", || {
+    server.until("the viewer is disconnected", || {
         server.picture(2);
         server.shared.snapshot().stream.viewers == 0
     });
@@ -366,7 +366,7 @@ fn serves_sixteen_viewers_at_a_time() {
     assert!(refused.text().contains("16 viewers are connected already"));
     assert_eq!(server.get("/healthz").status, 200);
     drop(viewers);
-    server.until("the viewers are gone", || {
+    server.until("the viewers are disconnected", || {
         server.picture(8);
         server.shared.snapshot().stream.viewers == 0
     });
@@ -442,9 +442,9 @@ fn refuses_settings_that_are_not_json_or_too_large() {
 struct RecordedRequests(std::sync::Mutex<Vec<RecordingRequest>>);
 
 impl RecordingControl for RecordedRequests {
-    fn carry_out(&self, wish: &RecordingRequest) -> Result<Recording, RecordingRefusal> {
-        self.0.lock().unwrap().push(wish.clone());
-        if wish.record {
+    fn carry_out(&self, request: &RecordingRequest) -> Result<Recording, RecordingRefusal> {
+        self.0.lock().unwrap().push(request.clone());
+        if request.record {
             return Ok(Recording::default());
         }
         Err(RecordingRefusal::Busy {
@@ -458,34 +458,34 @@ fn recording_requests_reach_the_recorder_only_from_the_own_page() {
     let server = Server::start(None);
     let json = "Content-Type: application/json";
     let post = |headers: &[&str], body| server.request("POST /recording", headers, body);
-    let wish = r#"{"record": true, "file": "a.mcap", "seconds": 5}"#;
-    let refused = post(&[json], wish);
+    let request = r#"{"record": true, "file": "a.mcap", "seconds": 5}"#;
+    let refused = post(&[json], request);
     assert_eq!(refused.status, 409);
     assert!(refused.text().contains("only a live rig"));
     let requests = Arc::new(RecordedRequests::default());
     server.shared.set_recorder(requests.clone());
-    assert_eq!(post(&[json], wish).status, 202);
+    assert_eq!(post(&[json], request).status, 202);
     assert_eq!(post(&[json], r#"{"record": false}"#).status, 409);
     assert_eq!(requests.0.lock().unwrap().len(), 2);
-    assert_eq!(post(&[], wish).status, 415);
+    assert_eq!(post(&[], request).status, 415);
     assert_eq!(post(&[json], "{}").status, 422);
     assert_eq!(
         post(&[json], r#"{"record": true, "file": "../a.mcap"}"#).status,
         422
     );
     assert_eq!(
-        post(&[json, "Origin: http://evil.example"], wish).status,
+        post(&[json, "Origin: http://evil.example"], request).status,
         403
     );
     assert_eq!(
-        post(&[json, "Sec-Fetch-Site: cross-site"], wish).status,
+        post(&[json, "Sec-Fetch-Site: cross-site"], request).status,
         403
     );
     assert_eq!(server.get("/recording").status, 405);
     assert_eq!(requests.0.lock().unwrap().len(), 2, "no other request");
     let guarded = Server::start(Some("open-sesame-now"));
     guarded.shared.set_recorder(requests.clone());
-    let outside = guarded.request("POST /recording", &[json], wish);
+    let outside = guarded.request("POST /recording", &[json], request);
     assert_eq!(outside.status, 401);
     assert_eq!(requests.0.lock().unwrap().len(), 2);
 }
@@ -504,12 +504,12 @@ impl CalibrationControl for FakeCalibrator {
         }
     }
 
-    fn start(&self, wish: &CalibrationRequest) -> Result<(), CalibrationRefusal> {
+    fn start(&self, request: &CalibrationRequest) -> Result<(), CalibrationRefusal> {
         let mut step = self.0.lock().unwrap();
         match &*step {
             Some(step) => Err(CalibrationRefusal::Busy { step: step.clone() }),
             None => {
-                *step = Some(wish.step.clone());
+                *step = Some(request.step.clone());
                 Ok(())
             }
         }
@@ -545,9 +545,9 @@ fn calibration_requests_are_accepted_only_from_the_own_page() {
     let post = |server: &Server, path: &str, headers: &[&str], body: &str| {
         server.request(&format!("POST /calibration/{path}"), headers, body)
     };
-    let wish = r#"{"step": "intrinsics"}"#;
+    let request = r#"{"step": "intrinsics"}"#;
     assert_eq!(server.get("/calibration").json()["state"], "unavailable");
-    let refused = post(&server, "start", &[json], wish);
+    let refused = post(&server, "start", &[json], request);
     assert_eq!(refused.status, 409);
     assert!(
         refused.text().contains("penumbra run"),
@@ -560,12 +560,12 @@ fn calibration_requests_are_accepted_only_from_the_own_page() {
         .shared
         .set_calibrator(Arc::<FakeCalibrator>::default());
     assert_eq!(post(&server, "finish", &[json], "{}").status, 409);
-    assert_eq!(post(&server, "start", &[], wish).status, 415);
+    assert_eq!(post(&server, "start", &[], request).status, 415);
     let form = "Content-Type: application/x-www-form-urlencoded";
-    assert_eq!(post(&server, "start", &[form], wish).status, 415);
+    assert_eq!(post(&server, "start", &[form], request).status, 415);
     let other_origin = "Origin: http://evil.example";
     assert_eq!(
-        post(&server, "start", &[json, other_origin], wish).status,
+        post(&server, "start", &[json, other_origin], request).status,
         403
     );
     assert_eq!(post(&server, "start", &[json], "{}").status, 422);
@@ -574,12 +574,12 @@ fn calibration_requests_are_accepted_only_from_the_own_page() {
         413
     );
     assert_eq!(server.get("/calibration").json()["step"], "");
-    let begun = post(&server, "start", &[json], wish);
+    let begun = post(&server, "start", &[json], request);
     assert_eq!(
         (begun.status, &begun.json()["step"]),
         (202, &"intrinsics".into())
     );
-    let again = post(&server, "start", &[json], wish);
+    let again = post(&server, "start", &[json], request);
     assert_eq!(again.status, 409);
     assert!(again.text().contains("`intrinsics` is running"));
     assert_eq!(post(&server, "abort", &[json], "{}").status, 202);
@@ -609,9 +609,9 @@ fn calibration_requests_are_accepted_only_from_the_own_page() {
         .set_calibrator(Arc::<FakeCalibrator>::default());
     assert_eq!(guarded.get("/calibration").status, 401);
     let wrong = "Authorization: Bearer 0123456789ac";
-    assert_eq!(post(&guarded, "start", &[json, wrong], wish).status, 401);
+    assert_eq!(post(&guarded, "start", &[json, wrong], request).status, 401);
     let right = "Authorization: Bearer 0123456789ab";
-    assert_eq!(post(&guarded, "start", &[json, right], wish).status, 202);
+    assert_eq!(post(&guarded, "start", &[json, right], request).status, 202);
 }
 
 #[test]

@@ -2,7 +2,7 @@
 //! `make uninstall`.
 
 #![cfg(target_os = "linux")]
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+#![expect(clippy::unwrap_used)]
 
 use std::path::Path;
 use std::process::{Command, Output};
@@ -66,13 +66,13 @@ fn service_is_installed_valid_confined_and_removed() {
         .unwrap();
     assert!(checked.status.success(), "{checked:?}");
     check_with_systemd(&root, &root.join(unit));
-    let gone = make("uninstall", folder.path());
-    assert!(gone.status.success(), "{gone:?}");
-    assert_eq!(listed(), [config], "what the user wrote stays");
+    let removed = make("uninstall", folder.path());
+    assert!(removed.status.success(), "{removed:?}");
+    assert_eq!(listed(), [config], "the user's configuration is kept");
 }
 
-/// The exposure that `systemd-analyze security` may find, of 10; systemd 252 finds 1.6.
-const MOST_EXPOSED: f64 = 2.0;
+/// Maximum exposure level by `systemd-analyze security`, of 10; systemd 252 reports 1.6.
+const MAX_EXPOSURE_LEVEL: f64 = 2.0;
 
 /// Name of the test that needs systemd-analyze.
 const SERVICE_TEST: &str = "service_is_installed_valid_confined_and_removed";
@@ -92,14 +92,15 @@ fn check_with_systemd(root: &Path, unit: &Path) {
         return;
     };
     assert!(verified.status.success(), "{verified:?}");
-    let judged = analyze(&["security", "--offline=true", "--no-pager"]).unwrap();
-    let told = String::from_utf8_lossy(&judged.stdout).into_owned();
-    let Some((_, level)) = told.split_once("Overall exposure level for penumbra.service: ") else {
+    let assessed = analyze(&["security", "--offline=true", "--no-pager"]).unwrap();
+    let report = String::from_utf8_lossy(&assessed.stdout).into_owned();
+    let Some((_, level)) = report.split_once("Overall exposure level for penumbra.service: ")
+    else {
         eprintln!(
             "SKIPPED {SERVICE_TEST}: this systemd-analyze cannot assess a unit that is not running"
         );
         return;
     };
     let level: f64 = level.split_whitespace().next().unwrap().parse().unwrap();
-    assert!(level <= MOST_EXPOSED, "{level}: {told}");
+    assert!(level <= MAX_EXPOSURE_LEVEL, "{level}: {report}");
 }

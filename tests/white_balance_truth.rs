@@ -1,9 +1,10 @@
-//! Gains between the cameras, against the true ones of the path-traced rigs.
+//! Compares gains between the cameras with the true ones of the path-traced rigs.
 //!
-//! `cargo test --release --test photometry_truth -- --nocapture` prints the table.
-//! The judge's files (`truth_rig.json`) are read here and nowhere in the program.
+//! `cargo test --release --test white_balance_truth -- --nocapture` prints the table.
+//! Only this test, not the program, reads the ground truth (`truth_rig.json`).
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, missing_docs)]
+#![expect(clippy::unwrap_used)]
+#![allow(missing_docs)]
 
 use glam::{DQuat, DVec2, DVec3};
 use penumbra_camera::Response;
@@ -42,7 +43,7 @@ struct Session {
     folder: PathBuf,
     rig: RigDocument,
     scene: Scene,
-    judge: serde_json::Value,
+    ground_truth: serde_json::Value,
     true_gains: DVec3,
 }
 
@@ -62,14 +63,14 @@ impl Session {
             .map(|p| (p.file.clone(), std::fs::read(folder.join(&p.file)).unwrap()))
             .collect();
         let scene = rig.phantom_scene(&|file| meshes.get(file).map(Vec::as_slice));
-        let judge: serde_json::Value =
+        let ground_truth: serde_json::Value =
             serde_json::from_slice(&std::fs::read(folder.join("truth_rig.json")).unwrap()).unwrap();
-        let gain = |camera: &str| vector(&judge[camera]["response_truth"]["total_gain_rgb"]);
+        let gain = |camera: &str| vector(&ground_truth[camera]["response_truth"]["total_gain_rgb"]);
         let true_gains = gain("scene_camera") / gain("environment_camera");
         Self {
             scene: scene.unwrap(),
             rig,
-            judge,
+            ground_truth,
             true_gains,
             folder,
         }
@@ -159,18 +160,19 @@ fn have_truth(test: &str) -> bool {
     there
 }
 
-/// One row of the table: error per channel in percent, stated error, ΔE2000 of a grey.
+/// Prints one row of the table: error per channel in percent, reported standard deviation, ΔE2000
+/// of a grey.
 fn print_row(session: &str, method: &str, estimate: &GainEstimate, truth: DVec3, note: &str) {
     let error = estimate.percent_from(truth);
-    let stated = 100.0 * estimate.relative_sd;
+    let reported = 100.0 * estimate.relative_sd;
     println!(
-        "{session:12} {method:12} {:+6.2} {:+6.2} {:+6.2} %   stated {:4.1} {:4.1} {:4.1} %   dE {:5.2}   {note}",
+        "{session:12} {method:12} {:+6.2} {:+6.2} {:+6.2} %   reported {:4.1} {:4.1} {:4.1} %   dE {:5.2}   {note}",
         error.x,
         error.y,
         error.z,
-        stated.x,
-        stated.y,
-        stated.z,
+        reported.x,
+        reported.y,
+        reported.z,
         estimate.delta_e_from(truth),
     );
 }
@@ -192,8 +194,8 @@ fn chart_match(session: &Session) -> ChartMatch {
 }
 
 #[test]
-fn the_chart_gives_the_gains_within_one_percent() {
-    if !have_truth("the_chart_gives_the_gains_within_one_percent") {
+fn chart_gains_are_within_one_percent() {
+    if !have_truth("chart_gains_are_within_one_percent") {
         return;
     }
     for name in SESSIONS {
@@ -217,7 +219,7 @@ fn the_chart_gives_the_gains_within_one_percent() {
     }
 }
 
-/// What the overlap finds in a whole session.
+/// Results of the overlap method in a complete session.
 struct OverlapRun {
     tracker: GainTracker,
     answered: usize,
@@ -297,8 +299,8 @@ fn run_overlap(session: &Session) -> OverlapRun {
 }
 
 #[test]
-fn the_overlap_is_within_three_percent_or_says_that_it_has_none() {
-    if !have_truth("the_overlap_is_within_three_percent_or_says_that_it_has_none") {
+fn overlap_gains_are_within_three_percent_or_missing() {
+    if !have_truth("overlap_gains_are_within_three_percent_or_missing") {
         return;
     }
     for name in SESSIONS {
@@ -312,25 +314,25 @@ fn the_overlap_is_within_three_percent_or_says_that_it_has_none() {
             run.last_shortage
         );
         let Some(estimate) = run.tracker.estimate() else {
-            // Honest: it says that there is nothing to go by.
+            // There are no usable observations, and the tracker reports it.
             assert!(run.tracker.frozen().is_some());
             println!("{name:12} overlap      none: {note}");
             continue;
         };
         print_row(name, "overlap", &estimate, session.true_gains, &note);
         let error = estimate.percent_from(session.true_gains).abs();
-        let stated = 100.0 * estimate.relative_sd;
+        let reported = 100.0 * estimate.relative_sd;
         assert!(error.max_element() < 3.0, "{name}: {error}");
         assert!(
-            (error / stated).max_element() < 3.0,
-            "{name}: {error} {stated}"
+            (error / reported).max_element() < 3.0,
+            "{name}: {error} {reported}"
         );
     }
 }
 
 #[test]
-fn chart_and_overlap_agree_and_the_chart_is_in_force() {
-    if !have_truth("chart_and_overlap_agree_and_the_chart_is_in_force") {
+fn chart_and_overlap_agree_and_the_chart_is_used() {
+    if !have_truth("chart_and_overlap_agree_and_the_chart_is_used") {
         return;
     }
     for name in ["desk-sphere", "courtyard"] {
@@ -349,7 +351,7 @@ fn chart_and_overlap_agree_and_the_chart_is_in_force() {
     }
 }
 
-/// Radiance by direction over the upper hemisphere, in environment camera units.
+/// Radiance by direction in the upper hemisphere, in units of the environment camera.
 struct Sky {
     radiance: Vec<DVec3>,
 }
@@ -404,7 +406,7 @@ impl Sky {
         }
     }
 
-    /// Irradiance on the ground at `point`, past the phantoms.
+    /// Irradiance on the ground at `point`, with the shadows of the phantoms.
     fn irradiance(&self, point: DVec3, caster: &RayCaster) -> DVec3 {
         let solid_angle = std::f64::consts::TAU / (RINGS * SECTORS) as f64;
         let origin = point + DVec3::new(0.0, 0.0, 1e-4);
@@ -425,7 +427,7 @@ fn merged(exposures: &[(f64, Picture)], response: &Response, x: u32, y: u32) -> 
     DVec3::from_array([0, 1, 2].map(channel))
 }
 
-/// Where a pixel's light comes from, far away, and what a mirror leaves of it.
+/// The direction from which a pixel's light arrives, at infinity, and the mirror's reflectance.
 fn light_direction(view: &EnvironmentView, pixel: DVec2) -> Option<(DVec3, DVec3)> {
     match view {
         EnvironmentView::Fisheye {
@@ -454,12 +456,12 @@ fn light_direction(view: &EnvironmentView, pixel: DVec2) -> Option<(DVec3, DVec3
     }
 }
 
-/// Blocks of ground in the scene picture, with the light that the phantoms let through.
+/// Blocks of ground in the scene picture, with the irradiance that the phantoms do not block.
 fn ground_surfaces(session: &Session, sky: &Sky, shot: &Shot) -> Vec<KnownSurface> {
     let calibration = &session.rig.calibration;
     let picture = session.picture(&shot.file);
-    // Its owner would have measured it; here the judge tells.
-    let albedo = vector(&session.judge["ground_plane"]["mean_albedo_linear_rgb"]);
+    // An owner would measure it; here it is ground truth.
+    let albedo = vector(&session.ground_truth["ground_plane"]["mean_albedo_linear_rgb"]);
     let mut scene = session.scene.clone();
     let ground = scene.phantom_parts.iter_mut().find(|p| p.name == "ground");
     ground.unwrap().albedo = Some(albedo.as_vec3());
@@ -476,8 +478,8 @@ fn ground_surfaces(session: &Session, sky: &Sky, shot: &Shot) -> Vec<KnownSurfac
 }
 
 #[test]
-fn the_known_ground_gives_the_gains_within_what_it_states() {
-    if !have_truth("the_known_ground_gives_the_gains_within_what_it_states") {
+fn reflectance_gains_are_within_their_uncertainty() {
+    if !have_truth("reflectance_gains_are_within_their_uncertainty") {
         return;
     }
     for name in SESSIONS {
@@ -490,11 +492,11 @@ fn the_known_ground_gives_the_gains_within_what_it_states() {
         let note = format!("{} ground patches", surfaces.len());
         print_row(name, "reflectance", &found, session.true_gains, &note);
         let error = found.percent_from(session.true_gains).abs();
-        let stated = 100.0 * found.relative_sd;
+        let reported = 100.0 * found.relative_sd;
         assert!(error.max_element() < 15.0, "{name}: {error}");
         assert!(
-            (error / stated).max_element() < 2.0,
-            "{name}: {error} {stated}"
+            (error / reported).max_element() < 2.0,
+            "{name}: {error} {reported}"
         );
     }
 }

@@ -13,7 +13,7 @@ const POINTS: f64 = 72.0 / 0.0254;
 /// needs it. With half a square, the default board of 9×6 corners and 25 mm fits a sheet of A4.
 const MARGIN: f64 = 0.5;
 /// Height below the pattern for ruler and caption, metres.
-const FOOT: f64 = 0.010;
+const FOOTER: f64 = 0.010;
 /// Length of the printed ruler, metres; the user measures it to check the print's scale.
 const RULER: f64 = 0.1;
 
@@ -33,16 +33,16 @@ pub struct Black {
 /// A board laid out on paper.
 #[derive(Clone, Debug, PartialEq)]
 pub struct BoardSheet {
-    /// Metres.
+    /// Width of the sheet, metres.
     pub width: f64,
-    /// Metres.
+    /// Height of the sheet, metres.
     pub height: f64,
     /// The black rectangles.
     pub black: Vec<Black>,
     /// Position of the caption's baseline, metres.
-    pub words_at: (f64, f64),
+    pub caption_at: (f64, f64),
     /// The caption: board and instructions for printing.
-    pub words: String,
+    pub caption: String,
 }
 
 /// Why a board cannot be rendered.
@@ -50,12 +50,12 @@ pub struct BoardSheet {
 pub enum SheetError {
     /// The picture would be too large.
     #[error(
-        "{width}×{height} pixels at {dpi} dots per inch: more than 200 Mpixel; ask for fewer dots, or for a PDF"
+        "{width}×{height} pixels at {dpi} dots per inch exceed 200 Mpixel; use fewer dots per inch, or a PDF"
     )]
     TooLarge {
-        /// Pixels.
+        /// Width, pixels.
         width: u64,
-        /// Pixels.
+        /// Height, pixels.
         height: u64,
         /// Dots per inch.
         dpi: u32,
@@ -66,9 +66,9 @@ impl BoardSheet {
     /// Lays out a board. The top left square of a chessboard is black, as is a ChArUco board's
     /// (OpenCV since 4.6).
     #[must_use]
-    pub fn of(board: &Board) -> Self {
-        let pattern = pattern::of(board);
-        let margin = MARGIN * pattern.rim;
+    pub fn from_board(board: &Board) -> Self {
+        let pattern = pattern::from_board(board);
+        let margin = MARGIN * pattern.border;
         let width = pattern.width + 2.0 * margin;
         let shift = |b: &Black| Black {
             x: b.x + margin,
@@ -77,14 +77,14 @@ impl BoardSheet {
         };
         let mut black: Vec<Black> = pattern.black.iter().map(shift).collect();
         // The ruler may lie in the lower margin: it crosses no edge of the pattern.
-        let foot = pattern.height + 1.5 * margin;
-        black.extend(ruler(margin, foot, width - 2.0 * margin));
+        let footer_top = pattern.height + 1.5 * margin;
+        black.extend(ruler(margin, footer_top, width - 2.0 * margin));
         Self {
             width,
-            height: foot + FOOT,
+            height: footer_top + FOOTER,
             black,
-            words_at: (margin, foot + 0.65 * FOOT),
-            words: format!(
+            caption_at: (margin, footer_top + 0.65 * FOOTER),
+            caption: format!(
                 "Penumbra --board {board}   print at 100 %, not fitted to the page; \
                  the line above is {:.0} mm long: measure it",
                 1000.0 * RULER.min(width - 2.0 * margin)
@@ -102,11 +102,14 @@ impl BoardSheet {
             let (w, h) = (b.width * POINTS, b.height * POINTS);
             let _ = writeln!(drawing, "{x:.6} {y:.6} {w:.6} {h:.6} re");
         }
-        let (x, y) = (self.words_at.0 * POINTS, height - self.words_at.1 * POINTS);
+        let (x, y) = (
+            self.caption_at.0 * POINTS,
+            height - self.caption_at.1 * POINTS,
+        );
         let _ = write!(
             drawing,
             "f\nBT /F1 6 Tf {x:.3} {y:.3} Td ({}) Tj ET\n",
-            self.words
+            self.caption
         );
         let page = format!(
             "<< /Type /Page /Parent 2 0 R /MediaBox [0 0 {:.6} {height:.6}] /Contents 4 0 R \
@@ -144,11 +147,11 @@ impl BoardSheet {
                 "<rect x=\"{x:.4}\" y=\"{y:.4}\" width=\"{w:.4}\" height=\"{h:.4}\"/>"
             );
         }
-        let (x, y) = (mm(self.words_at.0), mm(self.words_at.1));
+        let (x, y) = (mm(self.caption_at.0), mm(self.caption_at.1));
         let _ = writeln!(
             out,
             "</g>\n<text x=\"{x:.3}\" y=\"{y:.3}\" font-size=\"2.1\" font-family=\"sans-serif\">{}</text>\n</svg>",
-            self.words
+            self.caption
         );
         out
     }
@@ -156,7 +159,7 @@ impl BoardSheet {
     /// Returns 8-bit grey pixels, width and height, without the caption.
     ///
     /// # Errors
-    /// The picture would have more than 200 Mpixel.
+    /// The picture would have no pixels or more than 200 Mpixel.
     pub fn raster(&self, dpi: u32) -> Result<(Vec<u8>, u32, u32), SheetError> {
         let dots = f64::from(dpi) / 0.0254;
         let (width, height) = (
@@ -169,7 +172,7 @@ impl BoardSheet {
         let (w, h) = (width as usize, height as usize);
         let mut pixels = vec![255_u8; w * h];
         for b in &self.black {
-            let edge = |metres: f64, most: usize| ((metres * dots).round() as usize).min(most);
+            let edge = |metres: f64, max: usize| ((metres * dots).round() as usize).min(max);
             let (left, right) = (edge(b.x, w), edge(b.x + b.width, w));
             for y in edge(b.y, h)..edge(b.y + b.height, h) {
                 pixels[y * w + left..y * w + right].fill(0);
@@ -179,39 +182,39 @@ impl BoardSheet {
     }
 }
 
-/// Returns a ruler with ticks every 10 mm.
-fn ruler(x: f64, y: f64, room: f64) -> Vec<Black> {
-    const THIN: f64 = 0.0002;
-    let length = RULER.min(room);
+/// Returns a ruler of at most `max_length` metres with ticks every 10 mm.
+fn ruler(x: f64, y: f64, max_length: f64) -> Vec<Black> {
+    const LINE_WIDTH: f64 = 0.0002;
+    let length = RULER.min(max_length);
     let mut out = vec![Black {
         x,
         y,
         width: length,
-        height: THIN,
+        height: LINE_WIDTH,
     }];
     let ticks = (length / 0.01 + 1e-9) as u32;
     out.extend((0..=ticks).map(|i| Black {
-        x: (x + 0.01 * f64::from(i)).min(x + length - THIN),
+        x: (x + 0.01 * f64::from(i)).min(x + length - LINE_WIDTH),
         y,
-        width: THIN,
+        width: LINE_WIDTH,
         height: 0.003,
     }));
     out
 }
 
-/// Returns a PDF file of these objects; the first one is the catalogue.
+/// Returns a PDF file of `objects`; the first one is the catalogue.
 fn pdf_of(objects: &[String]) -> Vec<u8> {
     let mut out = b"%PDF-1.4\n".to_vec();
-    let mut places = Vec::new();
+    let mut offsets = Vec::new();
     for (i, object) in objects.iter().enumerate() {
-        places.push(out.len());
+        offsets.push(out.len());
         out.extend(format!("{} 0 obj\n{object}\nendobj\n", i + 1).bytes());
     }
     let table = out.len();
     let count = objects.len() + 1;
     let mut end = format!("xref\n0 {count}\n0000000000 65535 f \n");
-    for place in places {
-        let _ = writeln!(end, "{place:010} 00000 n ");
+    for offset in offsets {
+        let _ = writeln!(end, "{offset:010} 00000 n ");
     }
     let _ = write!(
         end,

@@ -330,7 +330,6 @@ fn point_showing_near(mirror: &Mirror, direction: DVec3, target: DVec3) -> Optio
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
     use glam::DMat3;
     use proptest::prelude::*;

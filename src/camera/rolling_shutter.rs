@@ -63,7 +63,6 @@ impl RollingShutter {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
     use glam::DQuat;
 

@@ -56,7 +56,9 @@ impl LiveDevice {
             DeviceReport::Camera(report) => {
                 Some(camera_name_and_serial(&report.identity).unwrap_or((report.identity, None)))
             }
-            DeviceReport::Tracker(report) => Some((report.said.unwrap_or(report.identity), None)),
+            DeviceReport::Tracker(report) => {
+                Some((report.description.unwrap_or(report.identity), None))
+            }
         }
     }
 }

@@ -152,7 +152,7 @@ fn device_that_is_plugged_in_late_delivers_within_two_seconds() {
     assert_eq!(status.received, arrivals.len() as u64);
     assert_eq!((status.losses, status.state), (0, DeviceState::Closed));
     assert_eq!(status.reason, None);
-    assert!(status.last_trouble.unwrap().contains("not there"));
+    assert!(status.last_trouble.unwrap().contains("not connected"));
     // Ten seconds without the device take a handful of attempts.
     assert!((5..20).contains(&status.attempts), "{}", status.attempts);
     assert!(time.pauses.load(Ordering::Relaxed) < 20);

@@ -65,7 +65,7 @@ fn probe_port(path: &str) -> Probe {
         Ok(Some(found)) => Probe::Tracker {
             protocol: found.protocol,
             baud: found.baud,
-            answer: found.said,
+            answer: found.description,
         },
         Ok(None) => Probe::NoTracker,
         Err(error) => Probe::Error(error.to_string()),

@@ -86,8 +86,8 @@ impl Detector {
     /// Sets the maximum number of outlines that are decoded per picture, the largest first (400 by
     /// default).
     #[must_use]
-    pub const fn with_max_candidates(mut self, most: usize) -> Self {
-        self.max_candidates = most;
+    pub const fn with_max_candidates(mut self, max: usize) -> Self {
+        self.max_candidates = max;
         self
     }
 
@@ -162,8 +162,8 @@ impl Detector {
 }
 
 /// Reads the tag of a known family and number at `corners` (pixels), which were predicted from other
-/// tags; `None` if it is not there. `codes` are a grey picture of the given width and height, encoded
-/// with `response`.
+/// tags; `None` if it is not found. `codes` are a grey picture of the given width and height,
+/// encoded with `response`.
 #[must_use]
 pub fn read_predicted(
     (codes, (width, height)): (&[u8], (usize, usize)),
@@ -191,11 +191,11 @@ pub fn read_predicted(
     })
 }
 
-fn keep_largest(quads: &mut Vec<[DVec2; 4]>, most: usize) {
+fn keep_largest(quads: &mut Vec<[DVec2; 4]>, max: usize) {
     let area = |[a, b, c, d]: &[DVec2; 4]| (*c - *a).perp_dot(*d - *b).abs();
-    if quads.len() > most && most > 0 {
-        quads.select_nth_unstable_by(most - 1, |a, b| area(b).total_cmp(&area(a)));
-        quads.truncate(most);
+    if quads.len() > max && max > 0 {
+        quads.select_nth_unstable_by(max - 1, |a, b| area(b).total_cmp(&area(a)));
+        quads.truncate(max);
     }
 }
 

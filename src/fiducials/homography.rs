@@ -38,7 +38,6 @@ pub(super) fn apply(map: &DMat3, p: DVec2) -> DVec2 {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
 
     #[test]

@@ -63,8 +63,8 @@ pub fn candidate_poses(
         point: points[i],
         pixel: corners[i],
     });
-    let starts = poses(camera, corners, size).into_iter().flatten();
-    let mut found: Vec<PoseEstimate> = starts
+    let initial_poses = poses(camera, corners, size).into_iter().flatten();
+    let mut found: Vec<PoseEstimate> = initial_poses
         .filter_map(|start| refine(camera, start, &matches))
         .collect();
     found.sort_by(|a, b| a.rms.total_cmp(&b.rms));
@@ -110,9 +110,9 @@ pub fn nearest_pose(
 
 fn rotations(jacobian: DMat2, seen: DVec2) -> Option<[DMat3; 2]> {
     let towards = seen.extend(1.0).normalize();
-    let turn = DMat3::from_quat(DQuat::from_rotation_arc(DVec3::Z, towards));
+    let z_to_view = DMat3::from_quat(DQuat::from_rotation_arc(DVec3::Z, towards));
     let row = |m: DVec3| m.truncate() - m.z * seen;
-    let b = DMat2::from_cols(row(turn.x_axis), row(turn.y_axis));
+    let b = DMat2::from_cols(row(z_to_view.x_axis), row(z_to_view.y_axis));
     if b.determinant().abs() < 1e-12 {
         return None;
     }
@@ -128,7 +128,7 @@ fn rotations(jacobian: DMat2, seen: DVec2) -> Option<[DMat3; 2]> {
     let (s, t) = (down(u), if u.dot(v) > 0.0 { -down(v) } else { down(v) });
     let rotation = |sign: f64| {
         let (x, y) = (u.extend(sign * s), v.extend(sign * t));
-        turn * DMat3::from_cols(x, y, x.cross(y))
+        z_to_view * DMat3::from_cols(x, y, x.cross(y))
     };
     Some([rotation(1.0), rotation(-1.0)])
 }
@@ -159,7 +159,6 @@ fn with_translation(rotation: &DMat3, ideal: &[DVec2; 4], half: f64) -> Option<R
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
     use crate::synthetic::camera;
     use proptest::prelude::*;
@@ -174,8 +173,8 @@ mod tests {
             if distorted {
                 camera.distortion = [-0.2, 0.05, 0.001, -0.002, 0.0];
             }
-            let turn = DQuat::from_rotation_z(az) * DQuat::from_rotation_x(ax) * DQuat::from_rotation_y(ay);
-            let truth = RigidTransform::new(turn, DVec3::new(x, y, z));
+            let rotation = DQuat::from_rotation_z(az) * DQuat::from_rotation_x(ax) * DQuat::from_rotation_y(ay);
+            let truth = RigidTransform::new(rotation, DVec3::new(x, y, z));
             let corners = super::super::pose::square(0.03).map(|c| camera.project(truth.transform_point(c)).unwrap());
             let found = poses(&camera, &corners, 0.06).unwrap();
             let off = found.map(|f| f.translation.distance(truth.translation) + f.rotation.angle_between(truth.rotation));

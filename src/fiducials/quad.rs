@@ -147,7 +147,6 @@ pub(super) fn is_convex(corners: &[DVec2; 4]) -> bool {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
 
     /// Points along a polygon, one pixel apart.

@@ -251,9 +251,9 @@ impl Registrar {
             .max_by(|a, b| a.area().total_cmp(&b.area()))?;
         let tag = self.map.get(largest.family, largest.id)?;
         let tag_from_map = tag.map_from_tag.inverse();
-        let starts = poses(camera, &largest.corners, tag.size)?;
-        let [a, b] =
-            starts.map(|camera_from_tag| refine(camera, camera_from_tag * tag_from_map, matches));
+        let initial_poses = poses(camera, &largest.corners, tag.size)?;
+        let [a, b] = initial_poses
+            .map(|camera_from_tag| refine(camera, camera_from_tag * tag_from_map, matches));
         match (a, b) {
             (Some(a), Some(b)) if a.rms <= b.rms => Some((a, Some(b))),
             (Some(a), Some(b)) => Some((b, Some(a))),

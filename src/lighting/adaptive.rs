@@ -167,15 +167,15 @@ impl AdaptiveDome {
         let rest = (self.rest(texels, grid) * std::f32::consts::SQRT_2).powf(2.0 / 3.0);
         let total = (demand.iter().sum::<f32>() + rest).max(f32::MIN_POSITIVE);
         let scale = self.budget as f32 / total;
-        let most = ((1.0 - MIN_CELL_SHARE) * self.budget as f32).max(1.0);
+        let max = ((1.0 - MIN_CELL_SHARE) * self.budget as f32).max(1.0);
         let for_sources: f32 = demand.iter().map(|d| (d * scale).max(1.0)).sum();
-        let squeeze = (most / for_sources.max(1.0)).min(1.0);
+        let squeeze = (max / for_sources.max(1.0)).min(1.0);
         let counts: Vec<usize> = demand
             .iter()
             .zip(&self.tracker.sources)
             .map(|(d, source)| {
-                let most = (source.radius() / MIN_RADIUS).powi(2);
-                ((d * scale * squeeze).min(most).round() as usize).max(1)
+                let max = (source.radius() / MIN_RADIUS).powi(2);
+                ((d * scale * squeeze).min(max).round() as usize).max(1)
             })
             .collect();
         let differs = |(s, &n): (&super::tracking::TrackedSource, &usize)| {

@@ -322,7 +322,6 @@ fn weighted_fit(points: &[DVec2], weights: &[f64]) -> Option<Circle> {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
 
     fn rendered(width: u32, height: u32, shade: impl Fn(DVec2) -> u8) -> Picture {

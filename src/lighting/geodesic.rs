@@ -124,11 +124,11 @@ impl GeodesicDome {
         let mut best = (0, DVec3::ZERO, f64::NEG_INFINITY);
         for (side, matrix) in self.weights.iter().enumerate() {
             let weights = *matrix * d;
-            let least = weights.min_element();
-            if least > best.2 {
-                best = (side, weights, least);
+            let min = weights.min_element();
+            if min > best.2 {
+                best = (side, weights, min);
             }
-            if least > 0.0 {
+            if min > 0.0 {
                 break;
             }
         }

@@ -333,7 +333,6 @@ fn push(side: usize, level: &[(Vec3, f32)], coarse: &[Vec3]) -> Vec<Vec3> {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
     use penumbra_camera::{EnvironmentView, FisheyeLens};
     use penumbra_interface::RigidTransform;

@@ -33,7 +33,6 @@ pub fn inverse<const N: usize>(a: &Matrix<N>) -> Option<Matrix<N>> {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
 
     #[test]

@@ -131,7 +131,6 @@ pub fn minimise<S>(
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
 
     #[test]

@@ -1,5 +1,3 @@
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
-
 use super::*;
 use bytes::Bytes;
 use penumbra_interface::{BayerPattern, Frame, MonotonicTime, PixelFormat};

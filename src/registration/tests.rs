@@ -1,4 +1,3 @@
-#![allow(clippy::unwrap_used)]
 use super::*;
 use crate::motion::moved;
 use crate::rate_limit::{MAX_SHARE_OF_MOTION, MAX_SPEED_AT_REST};

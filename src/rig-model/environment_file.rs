@@ -263,7 +263,6 @@ fn unusable(reason: &str) -> CalibrationFileError {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used, clippy::panic)]
     use super::*;
 
     fn record() -> EnvironmentRecord {
@@ -311,11 +310,11 @@ mod tests {
         let mut rig = RigDocument::uncalibrated(640, 480);
         apply_environment_file(&mut rig, &|_| None).unwrap();
         assert!(rig.calibration.environment.is_none());
-        let mut said = record();
-        applied(&mut rig, &said).unwrap();
-        said.lens = None;
-        said.world_from_camera.position[0] = 3.0;
-        applied(&mut rig, &said).unwrap();
+        let mut stated = record();
+        applied(&mut rig, &stated).unwrap();
+        stated.lens = None;
+        stated.world_from_camera.position[0] = 3.0;
+        applied(&mut rig, &stated).unwrap();
         let environment = rig.calibration.environment.unwrap();
         let EnvironmentView::Fisheye {
             lens,

@@ -194,7 +194,6 @@ fn mirror_phantom(sphere: &MirrorSphere) -> Part {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
     use super::*;
     use glam::DVec3;
     use penumbra_scene::Mesh;

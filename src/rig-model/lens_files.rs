@@ -119,7 +119,6 @@ fn unusable(file: &str, reason: &str) -> CalibrationFileError {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
     use glam::DVec2;
 
@@ -173,9 +172,15 @@ mod tests {
                 _ => unreachable!(),
             }
         };
-        let said = applied(&record(None)).unwrap();
-        assert_eq!(applied(&record(Some(said - 0.2))).unwrap(), said - 0.2);
-        assert_eq!(applied(&record(Some(said + 0.2))).unwrap(), said);
+        let model_angle = applied(&record(None)).unwrap();
+        assert_eq!(
+            applied(&record(Some(model_angle - 0.2))).unwrap(),
+            model_angle - 0.2
+        );
+        assert_eq!(
+            applied(&record(Some(model_angle + 0.2))).unwrap(),
+            model_angle
+        );
         for wrong in [0.0, -1.0, 4.0] {
             let error = applied(&record(Some(wrong))).unwrap_err().to_string();
             assert!(error.contains("max_theta"), "{error}");

@@ -242,7 +242,6 @@ fn unusable(reason: &str) -> CalibrationFileError {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
     use penumbra_camera::PinholeCamera;
 

@@ -141,7 +141,6 @@ impl TrackerField {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
 
     fn grid() -> Grid {

@@ -87,7 +87,6 @@ fn is_text_of(text: Option<&str>, what: &impl std::fmt::Display) -> bool {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
     use penumbra_calibration::latency::offset_monitor::{FilteredOffset, OffsetState};
     use penumbra_calibration::latency::{LatencyError, OffsetMethod};

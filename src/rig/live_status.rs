@@ -81,7 +81,7 @@ fn write(device: &mut Device, status: &DeviceStatus, rate: &DeviceRate, now: Mon
             device.identity = Some(report.identity.clone());
             device.mode = Some(report.protocol.clone());
             device.notes.clear();
-            device.notes.extend(report.said.clone());
+            device.notes.extend(report.description.clone());
             device.notes.extend(report.warning.clone());
             device.dropped = status.damaged;
             if status.bytes > BYTES_FOR_A_RECORD && rate.received == 0 {
@@ -150,7 +150,6 @@ fn control(report: &ControlReport) -> Control {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
     use super::*;
     use penumbra_interface::{CameraCounters, TrackerReport};
 
@@ -243,9 +242,9 @@ mod tests {
         };
         session(&mut s);
         assert!(s.session.description.contains("being opened"));
-        s.devices[0].enter(DeviceState::Retrying, Some("c: not there"));
+        s.devices[0].enter(DeviceState::Retrying, Some("c: not connected"));
         session(&mut s);
-        assert!(s.session.description.contains("c: not there"));
+        assert!(s.session.description.contains("c: not connected"));
         s.devices[0].enter(DeviceState::Streaming, None);
         session(&mut s);
         assert_eq!(s.session.description, SessionState::Live.description());

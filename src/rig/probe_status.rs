@@ -28,7 +28,6 @@ pub(super) fn stale(probe: &ProbeStatus, stale_after: i64) -> Option<String> {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
 
     #[test]

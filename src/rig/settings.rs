@@ -104,7 +104,6 @@ pub fn pairing_config(rig: &RigCalibration) -> PairingConfig {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
     use super::*;
 
     #[test]

@@ -51,13 +51,12 @@ fn extent(parts: &[Part]) -> Option<f64> {
     let (low, high) = corners.fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(low, high), p| {
         (low.min(p), high.max(p))
     });
-    let longest = (high - low).max_element();
-    longest.is_finite().then_some(longest)
+    let max_edge = (high - low).max_element();
+    max_edge.is_finite().then_some(max_edge)
 }
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
     use super::*;
     use crate::mesh::Material;
     use crate::primitives;

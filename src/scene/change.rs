@@ -137,7 +137,6 @@ fn same_planes(old: &Scene, new: &Scene, motion: RigidTransform) -> bool {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
     use super::*;
     use crate::mesh::Material;
     use crate::primitives;

@@ -46,7 +46,6 @@ pub fn coarser(mesh: &Mesh, max_error_m: f32, textured: bool) -> Option<Vec<u32>
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
     use super::coarser;
     use crate::primitives;
     use glam::Vec2;

@@ -77,7 +77,6 @@ fn encloses(part: &Part, point: DVec3) -> bool {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
     use super::*;
     use crate::mesh::{Material, Mesh};
     use crate::motion::{Motion, Mover};

@@ -114,7 +114,7 @@ pub fn load_gltf_playing(path: &Path, playing: Playing<'_>) -> Result<Model, Sce
     let file = path.display().to_string();
     let folder = path.parent().unwrap_or(Path::new("")).to_owned();
     let bytes = read_file(path)?;
-    load_bytes(&bytes, &file, &|uri| beside(&folder, uri), playing)
+    load_bytes(&bytes, &file, &|uri| read_relative(&folder, uri), playing)
 }
 
 /// Returns the files that a glTF file names, whether they exist or not.
@@ -146,7 +146,7 @@ pub(super) fn read_file(path: &Path) -> Result<Vec<u8>, SceneError> {
 }
 
 /// Reads a file inside `folder`; links must not lead out of it.
-fn beside(folder: &Path, uri: &str) -> Result<Vec<u8>, Fault> {
+fn read_relative(folder: &Path, uri: &str) -> Result<Vec<u8>, Fault> {
     let folder = if folder.as_os_str().is_empty() {
         Path::new(".")
     } else {

@@ -296,7 +296,6 @@ fn weaken_occlusion(material: &mut Material, strength: f32) {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
     use super::*;
 
     fn grey_png(width: u32, height: u32) -> Vec<u8> {

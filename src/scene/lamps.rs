@@ -133,7 +133,6 @@ fn key_at(keys: &[VirtualLightKey], seconds: f64) -> Option<VirtualLightKey> {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
     use super::*;
     use crate::scene::Scene;
 

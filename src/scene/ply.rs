@@ -222,7 +222,7 @@ impl Values<'_> {
     }
 
     /// Reads a non-negative integer.
-    fn whole(&mut self, kind: Kind) -> Result<u32, Fault> {
+    fn integer(&mut self, kind: Kind) -> Result<u32, Fault> {
         let value = self.next(kind)?;
         if value.fract() == 0.0 && (0.0..=f64::from(u32::MAX)).contains(&value) {
             Ok(value as u32)
@@ -249,7 +249,7 @@ fn skip_property(property: &Property, values: &mut Values) -> Result<(), Fault> 
     match property {
         Property::Scalar(_, kind) => values.next(*kind).map(drop),
         Property::List(_, count, kind) => {
-            for _ in 0..values.whole(*count)? {
+            for _ in 0..values.integer(*count)? {
                 values.next(*kind)?;
             }
             Ok(())
@@ -319,11 +319,11 @@ fn read_polygon(
     values: &mut Values,
     mesh: &mut Mesh,
 ) -> Result<(), Fault> {
-    let corners = values.whole(count)?;
+    let corners = values.integer(count)?;
     let mut first = 0;
     let mut last = 0;
     for i in 0..corners {
-        let corner = values.whole(item)?;
+        let corner = values.integer(item)?;
         match i {
             0 => first = corner,
             1 => {}
@@ -339,7 +339,6 @@ fn read_polygon(
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
     use super::*;
     use crate::check::triangles;
     use proptest::prelude::*;

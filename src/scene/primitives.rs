@@ -177,7 +177,6 @@ fn disc(mesh: &mut Mesh, radius: f32, z: f32, up: bool, segments: u32) {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
     use super::*;
     use crate::check::{check_mesh, triangles};
     use std::collections::HashMap;

@@ -118,7 +118,6 @@ fn compact(positions: &[[f32; 3]], indices: &[u32]) -> Mesh {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
     use super::*;
     use crate::check::{check_mesh, triangles};
     use crate::gltf_file::load_gltf;

@@ -1,6 +1,4 @@
 //! Round trips, and files that are truncated, damaged or not sessions.
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
-
 use super::*;
 use bytes::Bytes;
 use glam::{DQuat, DVec3};

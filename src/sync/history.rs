@@ -259,19 +259,19 @@ impl PoseHistory {
     }
 
     /// Returns the pose at an instant as predicted when `known` was the newest reading: later ones
-    /// are ignored. `None` if that is more than `longest_nanos` before the instant.
+    /// are ignored. `None` if that is more than `max_age_nanos` before the instant.
     #[must_use]
     pub fn expected(
         &self,
         time: MonotonicTime,
         known: MonotonicTime,
-        longest_nanos: i64,
+        max_age_nanos: i64,
     ) -> Option<PoseAt> {
         if time <= known {
             return self.at(time);
         }
         let after = self.samples.partition_point(|s| s.measured_at <= known);
-        self.predict(time, after, longest_nanos)
+        self.predict(time, after, max_age_nanos)
     }
 
     /// Returns the pose between two readings: smoothed if configured and possible, else interpolated.

@@ -300,7 +300,6 @@ fn without_dust<'a>(sorted: &'a [f64], response: &Response) -> &'a [f64] {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
     use super::*;
 

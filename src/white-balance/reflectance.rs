@@ -226,7 +226,6 @@ const SATURATED: u8 = 250;
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
     use super::*;
     use penumbra_interface::MonotonicTime;

@@ -120,7 +120,6 @@ fn theta_from_radius(lens: &FisheyeLens, radius: f64) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
     use super::*;
     use penumbra_camera::PinholeCamera;

@@ -1,4 +1,4 @@
-//! `penumbra calibrate` on a live rig: on the command line, and over HTTP beside a running rig.
+//! `penumbra calibrate` on a live rig: on the command line, and over HTTP in a running rig.
 
 use crate::board;
 use crate::live::{Running, post, until};

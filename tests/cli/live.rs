@@ -233,7 +233,7 @@ fn missing_devices_are_reported_and_used_once_they_appear() {
     let (rig, address) = Running::rig(&desk, &[]);
     until("the status reports the missing device", || {
         let scene = status(&address)["devices"][0]["reason"].clone();
-        scene.as_str().is_some_and(|r| r.contains("not there"))
+        scene.as_str().is_some_and(|r| r.contains("not connected"))
     });
     let s = status(&address);
     assert_eq!(
@@ -269,10 +269,15 @@ fn missing_devices_are_reported_and_used_once_they_appear() {
         scene["attempts"].as_u64().unwrap() > 1 && scene["reason"].is_null(),
         "{scene}"
     );
-    assert!(scene["last_error"].as_str().unwrap().contains("not there"));
+    assert!(
+        scene["last_error"]
+            .as_str()
+            .unwrap()
+            .contains("not connected")
+    );
     let printed = rig.end();
     // One message per device, not one per attempt.
-    assert_eq!(printed.matches("not there").count(), 3, "{printed}");
+    assert_eq!(printed.matches("not connected").count(), 3, "{printed}");
 }
 
 #[cfg(unix)]
@@ -322,10 +327,10 @@ fn running_rig_records_on_request() {
         let session = Session::open(&desk.path("recordings").join(name)).unwrap();
         assert!(session.has_journal() && !session.truncated(), "{name}");
     }
-    let nobody = desk.refuses(&format!("record c.mcap --while-running --listen {address}"));
+    let refused = desk.refuses(&format!("record c.mcap --while-running --listen {address}"));
     assert!(
-        nobody.contains("no `penumbra run` answers there"),
-        "{nobody}"
+        refused.contains("no `penumbra run` answers there"),
+        "{refused}"
     );
 }
 
@@ -371,7 +376,7 @@ fn service_manager_is_notified_of_start_state_and_watchdog() {
     assert!(
         received
             .iter()
-            .any(|m| m.starts_with("STATUS=") && m.contains("not there")),
+            .any(|m| m.starts_with("STATUS=") && m.contains("not connected")),
         "{received:?}"
     );
     rig.signal("-TERM");

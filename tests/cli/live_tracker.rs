@@ -59,10 +59,10 @@ fn lost_tracker_keeps_the_picture_and_is_reopened_within_two_seconds() {
     until("its loss is reported", || {
         tracker(&address)["state"] != "streaming"
     });
-    let gone = tracker(&address);
+    let lost = tracker(&address);
     assert!(
-        gone["reason"].as_str().is_some_and(|r| !r.is_empty()),
-        "{gone}"
+        lost["reason"].as_str().is_some_and(|r| !r.is_empty()),
+        "{lost}"
     );
     let before = composed(&address);
     until("the picture goes on", || composed(&address) > before + 5);

@@ -1,6 +1,6 @@
 //! Runs the program: the files that it writes, its output, and its one-line errors.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+#![expect(clippy::unwrap_used, clippy::panic)]
 
 mod bake;
 #[path = "../support/board.rs"]

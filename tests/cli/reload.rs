@@ -89,7 +89,7 @@ fn changed_scene_is_shown_and_a_broken_one_is_not() {
     assert_eq!(status["warnings"].as_array().unwrap().len(), 0, "{status}");
 }
 
-/// One triangle of a glTF whose corners lie in a file beside it.
+/// A glTF with one triangle whose corners are in a separate file.
 const MODEL: &str = r#"{"asset": {"version": "2.0"}, "scenes": [{"nodes": [0]}],
     "nodes": [{"mesh": 0}], "meshes": [{"primitives": [{"attributes": {"POSITION": 0}}]}],
     "buffers": [{"byteLength": 36, "uri": "corners.bin"}],
@@ -119,7 +119,7 @@ fn watches_the_files_of_a_model_and_keeps_the_scene_on_errors() {
     let status = rig.until("the first picture", |s| {
         s["frames"]["composed"].as_u64() > Some(0)
     });
-    // Moving objects use the shadows of the dome lights; the status says why.
+    // Moving objects use the shadows of the dome lights; the status gives the reason.
     assert_eq!(status["planes"]["state"], "failed", "{status}");
     let reason = status["planes"]["reason"].to_string();
     assert!(reason.contains("moves"), "{reason}");

@@ -1,5 +1,5 @@
 //! The three set-ups of the literature, by configuration alone: one camera that sees a mirrored
-//! sphere beside a marker, two cameras with a sphere, two cameras with a fisheye. The pictures are
+//! sphere next to a marker, two cameras with a sphere, two cameras with a fisheye. The pictures are
 //! synthetic: a table with a marker under a sky with one bright window. The shadow of a virtual box
 //! shows whether the direction of the window was estimated.
 
@@ -104,9 +104,9 @@ fn table(place: DVec2) -> f64 {
 fn seen(eye: DVec3, ray: DVec3, window: DVec3, has_sphere: bool) -> f64 {
     let from = eye - SPHERE;
     let along = -from.dot(ray);
-    let beside = from.length_squared() - along * along;
-    if has_sphere && beside < RADIUS * RADIUS {
-        let hit = eye + ray * (along - (RADIUS * RADIUS - beside).sqrt());
+    let distance_squared = from.length_squared() - along * along;
+    if has_sphere && distance_squared < RADIUS * RADIUS {
+        let hit = eye + ray * (along - (RADIUS * RADIUS - distance_squared).sqrt());
         let normal = (hit - SPHERE) / RADIUS;
         return 0.9 * sky(ray - 2.0 * ray.dot(normal) * normal, window);
     }
@@ -269,7 +269,7 @@ fn assert_shadow_falls_away_from_the_window(name: &str, set_up: fn(DVec3) -> Set
 }
 
 #[test]
-fn one_camera_with_a_sphere_beside_a_marker() {
+fn one_camera_with_a_sphere_next_to_a_marker() {
     assert_shadow_falls_away_from_the_window("one", one_camera);
 }
 

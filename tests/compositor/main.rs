@@ -1,6 +1,6 @@
 //! The compositor on the software Vulkan driver, compared with its CPU reference (the "twin"), with
 //! closed-form ground truth, and with a few golden pictures.
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+#![expect(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 mod area_lamps;
 mod auto_exposure;

@@ -1,4 +1,4 @@
-//! Finds test data: files of the repository, and rigs and photographs that are too large for it.
+//! Finds test data: files of the repository, and rigs and photographs too large for it.
 
 use std::path::{Path, PathBuf};
 
@@ -16,8 +16,9 @@ pub fn fixture(path: &str) -> PathBuf {
     repository("tests/fixtures").join(path)
 }
 
-/// A file or folder of the data beside the repository, such as `truth/desk`. Where it is missing,
-/// prints `SKIPPED` with the name of the running test and returns `None`; the test then ends.
+/// A file or folder of the data beside the repository, such as `truth/desk`. If it is missing,
+/// prints `SKIPPED` with the name of the running test and returns `None`; the test must then
+/// return.
 #[must_use]
 pub fn shared(path: &str) -> Option<PathBuf> {
     let found = repository("../shared").join(path);

@@ -1,6 +1,6 @@
-"""Builds what the guest runs and says where it lies: FOLDER NAME PATH, a line each.
+"""Builds the programs and tests of the guest; prints one line for each: FOLDER NAME PATH.
 
-A test that no list names would never run, so that is an error.
+A test that is in no list would never run, so this is an error.
 
 usage: build.py LIST...     lists of tests, from tests/devices/lists
 """
@@ -18,7 +18,7 @@ PACKAGES = {
     "kernel": "penumbra-camera-v4l2",
     "serial": "penumbra-guest",
 }
-# What tests drive, by the test binary that needs it: package, program.
+# Programs under test, by the test binary that needs them: package, program.
 PROGRAMS = {"program": ("penumbra", "penumbra")}
 EMULATOR = ("penumbra-usbcam", "usbcam")
 
@@ -41,7 +41,7 @@ def read_list(name: str) -> list[str]:
 
 
 def cargo(*arguments: str) -> dict[str, str]:
-    """Executables by name. Optimised: the guest's processor is emulated, some 20 times slower."""
+    """Builds executables; returns their paths by name. Optimised: the guest's emulated processor is some 20 times slower."""
     command = ["cargo", *arguments, "--release", "--locked", "--message-format=json-render-diagnostics"]
     done = subprocess.run(command, stdout=subprocess.PIPE, text=True)
     if done.returncode:
@@ -51,7 +51,7 @@ def cargo(*arguments: str) -> dict[str, str]:
 
 
 def refuse_unlisted(binary: str, path: str) -> None:
-    """Exits where the binary has a test that is in no list."""
+    """Exits with an error if the binary has a test that is in no list."""
     printed = subprocess.run([path, "--list"], stdout=subprocess.PIPE, text=True, check=True).stdout
     there = {line.removesuffix(": test") for line in printed.splitlines() if line.endswith(": test")}
     lines = [line.split() for file in LISTS.iterdir() for line in read_list(file.name)]

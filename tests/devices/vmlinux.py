@@ -1,7 +1,7 @@
-"""Takes the uncompressed kernel out of a Debian vmlinuz.
+"""Extracts the uncompressed kernel from a Debian vmlinuz.
 
-QEMU starts a vmlinux through its PVH entry: no boot loader, and no decompression, which
-takes seconds under emulation.
+QEMU starts a vmlinux through its PVH entry, without a boot loader and without decompression,
+which takes seconds under emulation.
 Layout: Documentation/x86/boot.rst of the kernel, fields setup_sects and payload_offset.
 
 usage: vmlinux.py VMLINUZ VMLINUX
@@ -27,7 +27,7 @@ def main() -> None:
     source, target = sys.argv[1:]
     with open(source, "rb") as file:
         image = file.read()
-    # The payload ends in four bytes of length after the xz stream, which a decompressor ignores.
+    # The payload ends with its length in four bytes after the xz stream, which a decompressor ignores.
     kernel = lzma.LZMADecompressor().decompress(payload(image))
     with open(target, "wb") as file:
         file.write(kernel)

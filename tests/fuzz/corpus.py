@@ -42,7 +42,7 @@ put("vrpn", "server", cookie + server + message(0, 1, pose) * 2)
 put("vrpn", "poses", b"\x05" + message(0, 1, pose) * 3)
 
 
-# A session as small as can be: MCAP by hand, without compression or checksums.
+# A minimal session: MCAP encoded here, without compression or checksums.
 def text(value):
     return struct.pack("<I", len(value)) + value
 

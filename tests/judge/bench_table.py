@@ -3,7 +3,7 @@
 
     tests/judge/bench_table.py FILE... [--write DOCUMENT]
 
-The table replaces what stands between the document's comments bench:begin and bench:end.
+The table replaces the text between the document's comments bench:begin and bench:end.
 """
 from __future__ import annotations
 

@@ -1,17 +1,17 @@
 #!/usr/bin/env python3
-"""Judge calibration, registration and the detector of tags by what is known from elsewhere; print tables of figures.
+"""Evaluate calibration, registration and tag detection against known references; print tables of figures.
 
-Every figure of Penumbra's comes from the program itself (`penumbra calibrate ...`, `penumbra replay`), run on
-pictures and recordings that others made (--data), on path-traced rigs with known truth (--truth,
-and --simulated, made by tests/judge/rigsim_calibration.py), and on pictures drawn here. The program never gets the truth.
+Penumbra's figures come from the program itself (`penumbra calibrate ...`, `penumbra replay`), run on published
+pictures and recordings (--data), on path-traced rigs with ground truth (--truth, and --simulated, made by
+tests/judge/rigsim_calibration.py), and on pictures rendered here. The program never gets the ground truth.
 Other programs (OpenCV, the AprilTag library, kornia, locus) run on the same pictures.
 
-    tests/judge/calibration.py                               all that there is data for
-    tests/judge/calibration.py --only tags,intrinsics        some of it
+    tests/judge/calibration.py                               all parts whose data are available
+    tests/judge/calibration.py --only tags,intrinsics        some parts
     tests/judge/calibration.py --simulated DIR --write       with simulated rigs; the tables into docs/src/results
 
-Ends with 0 when every bar is reached, 1 when one is missed, 2 when something failed or nothing could be judged.
-What lacks its data or packages says SKIPPED by name, and is counted.
+Exit status: 0 if every limit is met, 1 if one is exceeded, 2 if a run failed or nothing could be evaluated.
+Parts whose data or packages are missing are printed as SKIPPED and counted.
 """
 from __future__ import annotations
 
@@ -33,17 +33,17 @@ Task = Callable[[Judge], Iterator[Row | Comparison]]
 
 
 def tasks() -> dict[str, list[Task]]:
-    """The tasks of each part; imported late, when numpy and OpenCV are known to be there."""
+    """Returns the tasks of each part; imported late, after numpy and OpenCV have been found."""
     from calibration_colour import charts, white_balance
     from calibration_detectors import board_plane, detectors, grids
     from calibration_lenses import lenses, simulated_lens
-    from calibration_rigs import drawn, environment, registration, tag_map, waved
-    found = [[lenses, simulated_lens], [drawn, waved, tag_map], [registration], [environment], [detectors, board_plane, grids], [white_balance, charts]]
+    from calibration_rigs import environment, registration, simulated, tag_map, waved
+    found = [[lenses, simulated_lens], [simulated, waved, tag_map], [registration], [environment], [detectors, board_plane, grids], [white_balance, charts]]
     return dict(zip(PARTS, found, strict=True))
 
 
 def table(rows: list[Row]) -> str:
-    lines = ["| on | figure | reached | allowed | | judged by |", "|---|---|---|---|---|---|"]
+    lines = ["| data | figure | measured | allowed | | reference |", "|---|---|---|---|---|---|"]
     for r in rows:
         mark = "" if r.passed else " **FAIL**"
         lines.append(f"| {r.what} | {r.figure} | {r.reached:.3f} {r.unit} | {r.allowed:.3f} |{mark} | {r.by} |")
@@ -52,10 +52,10 @@ def table(rows: list[Row]) -> str:
 
 def options() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--data", type=Path, default=ROOT / "../shared/data", help="pictures and calibrations of others")
+    parser.add_argument("--data", type=Path, default=ROOT / "../shared/data", help="published pictures and calibrations")
     parser.add_argument("--truth", type=Path, default=ROOT / "../shared/truth", help="path-traced rigs")
     parser.add_argument("--simulated", type=Path, help="folder of rigs of tests/judge/rigsim_calibration.py")
-    parser.add_argument("--only", help=f"of {', '.join(PARTS)}; comma-separated")
+    parser.add_argument("--only", help=f"parts to run, comma-separated: {', '.join(PARTS)}")
     parser.add_argument("--penumbra", type=Path, help="the program (default: the release build)")
     parser.add_argument("--write", action="store_true", help="put the tables into docs/src/results")
     parser.add_argument("--out", type=Path, default=TARGET / "calibration", help="files of the runs, table.md, detectors.md, lenses.md")
@@ -67,7 +67,7 @@ def options() -> argparse.Namespace:
 
 
 class Results:
-    """Figures and comparisons as they come, and what failed."""
+    """Collected figures and comparisons, and the number of failed runs."""
 
     def __init__(self, judge: Judge) -> None:
         self.judge, self.failed = judge, 0
@@ -94,13 +94,13 @@ class Results:
         print(f"{result.what}: {result.figure} {result.reached:.3f} {result.unit} (allowed {result.allowed:.3f})", file=sys.stderr)
 
     def texts(self) -> dict[str, tuple[str, str]]:
-        """(title, Markdown) of every table by its mark in the document."""
+        """Returns (title, Markdown) of every table by its mark in the document."""
         figures = {"calibration": ("Figures", table(self.rows))} if self.rows else {}
         return figures | {c.mark: (c.title, c.text()) for c in self.comparisons}
 
 
 def publish(results: Results, out: Path, write: bool) -> None:
-    """Prints every table and keeps it under `out`; on request puts it between its marks in the document."""
+    """Prints every table and writes it to `out`; with `write`, also between its marks in the document."""
     out.mkdir(parents=True, exist_ok=True)
     for mark, (title, text) in results.texts().items():
         file = out / ("table.md" if mark == "calibration" else f"{mark}.md")
@@ -133,7 +133,7 @@ def main() -> int:
     publish(results, a.out, a.write and not results.failed)
     missed = sum(not row.passed for row in results.rows)
     skipped = f" ({', '.join(judge.skipped)})" if judge.skipped else ""
-    print(f"\n{len(results.rows)} figures, {missed} miss their bar, {results.failed} runs failed, {len(judge.skipped)} SKIPPED{skipped}; {a.out / 'table.md'}")
+    print(f"\n{len(results.rows)} figures, {missed} exceed their limit, {results.failed} runs failed, {len(judge.skipped)} SKIPPED{skipped}; {a.out / 'table.md'}")
     return 2 if results.failed or not results.rows else 1 if missed else 0
 
 

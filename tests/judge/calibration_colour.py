@@ -1,4 +1,4 @@
-"""White balance between two cameras, judged by known gains."""
+"""White balance between two cameras, compared with known gains."""
 from __future__ import annotations
 
 from collections.abc import Iterator
@@ -8,12 +8,12 @@ import numpy as np
 
 from calibration_judge import Judge, Row, pictures_in, present, truth_of
 
-#: Linear gains that a photograph is given, as if another camera had taken it.
+#: Linear gains by which a second camera is simulated from a photograph.
 OTHER_CAMERA = (0.62, 0.8, 0.95)
 
 
 def as_other_camera(picture: np.ndarray) -> np.ndarray:
-    """The same picture (B, G, R codes) with OTHER_CAMERA's gains applied in linear light."""
+    """Returns the picture (B, G, R codes) with OTHER_CAMERA's gains applied in linear light."""
     code = picture[:, :, ::-1] / 255.0
     linear = np.where(code <= 0.04045, code / 12.92, ((code + 0.055) / 1.055) ** 2.4) * OTHER_CAMERA
     code = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
@@ -21,7 +21,7 @@ def as_other_camera(picture: np.ndarray) -> np.ndarray:
 
 
 def charts(j: Judge) -> Iterator[Row]:
-    """Photographs of ColorCheckers, each beside itself with other gains: the program must find the gains."""
+    """Photographs of ColorCheckers, each paired with a copy with other gains: the program must recover the gains."""
     folder = j.data("colorchecker")
     photographs = [*pictures_in(folder, "arcu/*.jpg"), *pictures_in(folder, "macduff/*.jpg")]
     worst = 0.0
@@ -45,4 +45,4 @@ def white_balance(j: Judge) -> Iterator[Row]:
         found = j.calibrate(work, "radiometric", "radiometric.json", "--session", j.imported(work, session))
         total = [truth[c]["response_truth"]["total_gain_rgb"] for c in ("scene_camera", "environment_camera")]
         off = [100 * abs(g / (s / e) - 1) for g, s, e in zip(found["gains"]["rgb"], *total)]
-        yield Row(session.name, f"white balance by {found['gains']['method']}", max(off), 2.0, "%, worst channel", "truth")
+        yield Row(session.name, f"white balance by {found['gains']['method']}", max(off), 2.0, "%, worst channel", "ground truth")

@@ -1,9 +1,9 @@
-"""Penumbra's detector of tags beside others, on the same pictures: tags found, corners' error, time.
+"""Compares Penumbra's tag detector with others on the same pictures: tags found, corner error, time.
 
-The pictures are those of detector_pictures.py: `desk-marker` (--truth), drawn ones, photographs (--data).
-In pictures whose tags are known Penumbra must find as many as the best of the other detectors; in drawn pictures,
-which hold tags too small for anybody, it must find every tag with modules at least LEGIBLE wide. Where corners are
-known exactly, its corners must be as near to the truth as those of the best other detector.
+The pictures are those of detector_pictures.py: `desk-marker` (--truth), synthetic pictures, photographs (--data).
+If the tags of a picture are known, Penumbra must find as many as the best other detector. Synthetic pictures hold tags
+that are too small for any detector; there it must find every tag with modules at least LEGIBLE wide. If corners are
+known exactly, its corner error must not exceed that of the best other detector.
 """
 from __future__ import annotations
 
@@ -23,17 +23,17 @@ from calibration_judge import Comparison, Judge, Row, Skipped, copied
 from detector_pictures import SERIES, Series
 from detectors import DETECTORS, DICTIONARIES, Found
 
-#: Each picture is looked at this often; the shortest time counts.
+#: Number of times that each picture is processed; the shortest time counts.
 ROUNDS = 3
 PENUMBRA = "**Penumbra**"
-#: Penumbra must find every drawn tag whose modules are this wide in the picture, pixels. Chosen by what it does miss:
-#: of 1,800 drawn tags none from 2.4 px upwards but two large slanted ones. The table counts the narrower ones, too.
+#: Minimum width of a module, pixels, from which Penumbra must find every synthetic tag. Chosen from the tags that it
+#: misses: of 1,800 tags, only two large slanted ones with modules from 2.4 px upwards. The table counts narrower tags, too.
 LEGIBLE = 2.5
 
 
 @dataclass
 class Outcome:
-    """What one detector found in each picture of a series, and its median time, milliseconds."""
+    """Tags that one detector found in each picture of a series, and its median time, milliseconds."""
 
     found: list[Found]
     millis: float | None
@@ -43,16 +43,16 @@ class Outcome:
 
 
 def by_penumbra(j: Judge, series: Series) -> Outcome:
-    """`penumbra calibrate tags` on several copies of each picture, for the shortest time of each."""
+    """Runs `penumbra calibrate tags` on several copies of each picture and takes the shortest time of each."""
     work = j.folder("detect-" + re.sub(r"\W+", "-", series.name))
-    said = j.run(work, "calibrate", "tags", "--pictures", copied(work, series.files, ROUNDS), "--family", series.family, "--out", "tags.csv")
+    output = j.run(work, "calibrate", "tags", "--pictures", copied(work, series.files, ROUNDS), "--family", series.family, "--out", "tags.csv")
     found: dict[str, Found] = {f"{file.stem}~0{file.suffix}": [] for file in series.files}
     for row in csv.DictReader((work / "tags.csv").open()):
         if row["picture"] in found:
             corners = np.array([[float(row[f"{axis}{k}"]) for axis in "xy"] for k in range(4)])
             found[row["picture"]].append((int(row["id"]), corners))
     best: dict[str, float] = {}
-    for stem, millis in re.findall(r"^(.+)~\d+\.\w+: \d+ tags in ([\d.]+) ms$", said, re.M):
+    for stem, millis in re.findall(r"^(.+)~\d+\.\w+: \d+ tags in ([\d.]+) ms$", output, re.M):
         best[stem] = min(best.get(stem, 1e9), float(millis))
     return Outcome(list(found.values()), statistics.median(best.values()) if best else None)
 
@@ -70,17 +70,17 @@ def by_other(detect: Callable[[np.ndarray], Found], series: Series) -> Outcome:
     return Outcome(found, statistics.median(times))
 
 
-# ----------------------------------------------------------------------------- judging
+# ----------------------------------------------------------------------------- evaluation
 
 
 def nearest_order(found: np.ndarray, there: np.ndarray) -> np.ndarray:
-    """The corners named in the order, from any first one and either way round, that fits best."""
+    """Returns the corners in the cyclic order, starting at any corner and in either direction, that fits best."""
     orders = [np.roll(way, k, 0) for way in (found, found[::-1]) for k in range(4)]
     return min(orders, key=lambda order: float(np.sum((order - there) ** 2)))
 
 
 def module_width(family: str, corners: np.ndarray) -> float:
-    """A module's width across the tag's narrow direction, pixels."""
+    """Returns the width of a module in the direction in which the tag is narrowest, pixels."""
     longest = np.linalg.norm(corners - np.roll(corners, -1, 0), axis=1).max()
     modules = cv2.aruco.getPredefinedDictionary(DICTIONARIES[family]).markerSize + 2
     return float(cv2.contourArea(corners.astype(np.float32)) / longest / modules)
@@ -91,12 +91,12 @@ def same_place(a: np.ndarray, b: np.ndarray) -> bool:
 
 
 def matched(found: list[Found], there: list[Found]) -> tuple[dict[tuple[int, int], np.ndarray], int]:
-    """Corner offsets (pixels) of each tag that was found, by picture and place in the list; and tags that are not there."""
+    """Returns the corner offsets (pixels) of each tag found, by picture and list index; and the number of false detections."""
     offsets, strange = {}, 0
     for picture, (seen, tags) in enumerate(zip(found, there)):
         for number, corners in seen:
             known = [k for k, (n, c) in enumerate(tags) if n == number and same_place(c, corners)]
-            # The same tag seen twice is one that is not there.
+            # A second detection of the same tag is a false detection.
             if not known or (picture, known[0]) in offsets:
                 strange += 1
                 continue
@@ -105,7 +105,7 @@ def matched(found: list[Found], there: list[Found]) -> tuple[dict[tuple[int, int
 
 
 def agreed(outcomes: dict[str, tuple[str, Outcome]], pictures: int) -> list[Found]:
-    """Of pictures without known tags: the tags that detectors of at least two origins see in one place."""
+    """For pictures without known tags: returns the tags that detectors of at least two origins find at the same position."""
     there: list[Found] = []
     for picture in range(pictures):
         groups: list[tuple[int, np.ndarray, set[str]]] = []
@@ -125,7 +125,7 @@ def rms(offsets: list[np.ndarray]) -> float:
 
 
 def available(j: Judge) -> list[tuple[str, object]]:
-    """(title, detector) of those that are installed."""
+    """Returns (title, detector) of the installed detectors."""
     found = []
     for detector in DETECTORS:
         try:
@@ -137,8 +137,8 @@ def available(j: Judge) -> list[tuple[str, object]]:
     return found
 
 
-def judged(series: Series, outcomes: dict[str, tuple[str, Outcome]]) -> tuple[list[list[str]], Iterator[Row]]:
-    """The table's lines for a series, and the bars where the truth is known."""
+def evaluated(series: Series, outcomes: dict[str, tuple[str, Outcome]]) -> tuple[list[list[str]], Iterator[Row]]:
+    """Returns the table rows of a series, and the limits if the ground truth is known."""
     there = series.there if series.there is not None else agreed(outcomes, len(series.files))
     total = sum(map(len, there))
     results = {title: matched(outcome.found, there) for title, (_, outcome) in outcomes.items()}
@@ -155,32 +155,32 @@ def judged(series: Series, outcomes: dict[str, tuple[str, Outcome]]) -> tuple[li
 
 
 def bars(series: Series, results: dict, errors: dict[str, float], total: int) -> Iterator[Row]:
-    """The bars of a series whose tags are known; see the head of this file."""
+    """Yields the limits of a series whose tags are known; see the docstring of this file."""
     others, what = [title for title in results if title != PENUMBRA], f"{series.name}, {total} tags"
     if series.there is None or not others:
         return
     most = max(others, key=lambda title: len(results[title][0]))
     ours, theirs = results[PENUMBRA][0], results[most][0]
-    if series.drawn:
+    if series.synthetic:
         legible = [(picture, k) for picture, tags in enumerate(series.there) for k, (_, corners) in enumerate(tags) if module_width(series.family, corners) >= LEGIBLE]
-        yield Row(f"{series.name}, {len(legible)} tags", f"not found of those with modules {LEGIBLE} px wide", sum(k not in ours for k in legible), 0, "tags", "truth")
+        yield Row(f"{series.name}, {len(legible)} tags", f"not found of those with modules from {LEGIBLE} px", sum(k not in ours for k in legible), 0, "tags", "ground truth")
     else:
         yield Row(what, "tags not found", total - len(ours), total - len(theirs), "tags", most)
     if series.exact:
         nearest = min(others, key=lambda title: errors[title])
-        yield Row(what, "corners of the tags that all found", errors[PENUMBRA], errors[nearest], "px RMS", nearest)
+        yield Row(what, "corner error of tags found by all", errors[PENUMBRA], errors[nearest], "px RMS", nearest)
     else:
-        # The authors give them to a pixel.
+        # The authors' corners are rounded to pixels.
         yield Row(what, "corners", rms(list(ours.values())), 1.0, "px RMS", "as marked by its authors")
 
 
 def detectors(j: Judge) -> Iterator[Row | Comparison]:
-    """The comparison; series without data are skipped by name."""
+    """Yields the limits and the comparison; series without data are reported as skipped."""
     cv2.setNumThreads(1)
-    # Read by kornia when it starts its threads.
+    # kornia reads this when it starts its threads.
     os.environ["RAYON_NUM_THREADS"] = "1"
-    header = ["pictures", "detector", "tags found", "not there", "corners, px RMS, tags that all found", "all of its own", "worst", "ms a picture"]
-    table = Comparison("detectors", "Detectors of tags", header)
+    header = ["pictures", "detector", "tags found", "false detections", "corner error, tags found by all, px RMS", "all tags found", "max", "ms per picture"]
+    table = Comparison("detectors", "Tag detectors", header)
     others, untimed = available(j), False
     for name, make in SERIES:
         try:
@@ -193,7 +193,7 @@ def detectors(j: Judge) -> Iterator[Row | Comparison]:
         for title, detector in others:
             if detect := detector.make(series.family):
                 outcomes[title] = (detector.origin, by_other(detect, series))
-        lines, rows = judged(series, outcomes)
+        lines, rows = evaluated(series, outcomes)
         table.lines += lines
         yield from rows
     if untimed:
@@ -204,7 +204,7 @@ def detectors(j: Judge) -> Iterator[Row | Comparison]:
 
 
 def board_plane(j: Judge) -> Iterator[Row]:
-    """A photograph of a flat board: its markers' corners must lie as near to one plane as OpenCV's best."""
+    """A photograph of a flat board: deviation of the corners from a plane, at most that of OpenCV's best refinement."""
     file = j.data("calibration/aruco_photos/chocclusion_original.jpg")
     series = Series("chocclusion_original.jpg", "6x6_250", [file], None)
     board = cv2.aruco.CharucoBoard((5, 7), 0.04, 0.02, cv2.aruco.getPredefinedDictionary(DICTIONARIES[series.family]))
@@ -221,11 +221,11 @@ def board_plane(j: Judge) -> Iterator[Row]:
 
     off = {title: off_plane(seen) for title, seen in markers.items()}
     best = min((title for title in off if title != PENUMBRA), key=lambda title: off[title])
-    yield Row(f"{series.name}, {len(shared)} markers", "corners off their board's plane", off[PENUMBRA], off[best], "px RMS", best)
+    yield Row(f"{series.name}, {len(shared)} markers", "corners, deviation from the board's plane", off[PENUMBRA], off[best], "px RMS", best)
 
 
 def grids(j: Judge) -> Iterator[Row]:
-    """Kalibr's boards as two published data sets photographed them; the other detectors do not read their border."""
+    """Photographs of Kalibr's boards from two published data sets; the other detectors do not support their wider border."""
     for name, path in (("EuRoC", "calibration/aprilgrid/EuRoC.png"), ("TUM VI, fisheye", "probes-fisheye/fisheye/tumvi_aprilgrid/TUM_VI.png")):
         try:
             series = Series(f"AprilGrid of {name}", "kalibr36h11", [j.data(path)], None)
@@ -237,11 +237,11 @@ def grids(j: Judge) -> Iterator[Row]:
 
 
 REMARKS = (
-    "Detection alone, the grey picture in memory, one thread; the median over the pictures of the shortest of "
-    f"{ROUNDS} rounds. No decimation anywhere; all else by default. \"Not there\": detections that match no known tag "
-    "(of unknown photographs: that no detector of another origin confirms; of nasa's also true tags that nobody marked). "
-    "Drawn tags have sides of 16 to 120 px and are tilted by up to 60°; they are drawn in linear light, blurred (0.3 to 0.9 px) and encoded as sRGB, where black squares look smaller than they are: "
-    "sides that are fitted to codes lie too far in. "
-    f"The bar of drawn tags holds from modules of {LEGIBLE} px upwards; how many of the narrower ones each finds is in the counts. "
-    "The AprilTag library, kornia, locus and OpenCV's refinement \"AprilTag\" have half a pixel taken off: their pixels begin at 0."
+    "Time of detection only, with the grey picture in memory, one thread; median over the pictures of the shortest of "
+    f"{ROUNDS} rounds. No decimation; all other settings are defaults. False detections match no known tag "
+    "(in photographs without known tags: no detector of another origin confirms them; in nasa's they include real tags that its authors did not mark). "
+    "Synthetic tags have sides of 16 to 120 px and are tilted by up to 60°; they are rendered in linear light, blurred (0.3 to 0.9 px) and encoded as sRGB, where black squares look smaller than they are: "
+    "edges that are fitted to codes are displaced inwards. "
+    f"The limit for synthetic tags applies to modules from {LEGIBLE} px; the counts include narrower ones. "
+    "The AprilTag library, kornia, locus and OpenCV's refinement \"AprilTag\" have half a pixel subtracted, because their pixel centres are at 0.5."
 )

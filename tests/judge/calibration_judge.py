@@ -1,4 +1,4 @@
-"""What the parts of `make calibration` share: running the program, rows and comparisons, skips."""
+"""Shared by the parts of `make calibration`: running the program, rows and comparisons, skips."""
 from __future__ import annotations
 
 import argparse
@@ -12,16 +12,16 @@ from rigs import blind_view
 
 
 class Failed(Exception):
-    """A run failed; the text says which one and where its output is."""
+    """A run failed; the message names it and its log."""
 
 
 class Skipped(Exception):
-    """Data or packages are missing; the text says which."""
+    """Data or packages are missing; the message names them."""
 
 
 @dataclass
 class Row:
-    """One figure and the largest value that it may have."""
+    """One figure and its limit."""
 
     what: str
     figure: str
@@ -37,7 +37,7 @@ class Row:
 
 @dataclass
 class Comparison:
-    """A table of Penumbra beside other programs, and remarks on how it was measured."""
+    """A table that compares Penumbra with other programs, and remarks on the measurement."""
 
     mark: str
     title: str
@@ -52,14 +52,14 @@ class Comparison:
 
 
 class Judge:
-    """Runs the program, each time in a folder of its own, and collects what was skipped."""
+    """Runs the program, each time in a separate folder, and collects skipped parts."""
 
     def __init__(self, a: argparse.Namespace) -> None:
         self.a, self.penumbra = a, str(a.penumbra)
         self.skipped: list[str] = []
 
     def skip(self, what: str, why: object) -> None:
-        """Says at once that something was left out, and counts it."""
+        """Prints that a part is skipped, and counts it."""
         self.skipped.append(what)
         print(f"SKIPPED {what}: {why}", flush=True)
 
@@ -70,25 +70,25 @@ class Judge:
         return folder
 
     def run(self, work: Path, *arguments: object, refused: bool = False) -> str:
-        """Returns the program's output; with `refused` it must end with an error."""
+        """Runs the program and returns its output; with `refused` it must fail."""
         command = [self.penumbra, *map(str, arguments)]
         done = subprocess.run(command, capture_output=True, text=True, cwd=work)
-        said = done.stdout + done.stderr
+        output = done.stdout + done.stderr
         with (work / "log.txt").open("a") as log:
-            log.write(f"\n$ {' '.join(command)}\n{said}")
+            log.write(f"\n$ {' '.join(command)}\n{output}")
         if (done.returncode != 0) != refused:
-            last = next((line for line in reversed(said.splitlines()) if line.strip()), "")
+            last = next((line for line in reversed(output.splitlines()) if line.strip()), "")
             raise Failed(f"{' '.join(map(str, arguments[:2]))} ended with {done.returncode}: {last} (see {work / 'log.txt'})")
-        return said
+        return output
 
     def calibrate(self, work: Path, step: str, out: str, *arguments: object) -> dict:
-        """Runs a calibration step and returns the file that it wrote."""
+        """Runs a calibration step and returns the contents of the file that it wrote."""
         path = work / out
         self.run(work, "calibrate", step, "--out", path, "--force", *arguments)
         return json.loads(path.read_text())
 
     def imported(self, work: Path, session: Path) -> Path:
-        """Imports a session's folder without the files that hold the truth; returns the recording."""
+        """Imports a session's folder without its ground truth; returns the recording."""
         view = blind_view(session, work / "rig")
         mcap = work / "session.mcap"
         self.run(work, "import", view, mcap, "--force")
@@ -98,7 +98,7 @@ class Judge:
         return present(self.a.data / path)
 
     def simulated(self, pattern: str) -> list[Path]:
-        """Folders of path-traced rigs that tests/judge/rigsim_calibration.py made."""
+        """Returns the folders of path-traced rigs made by tests/judge/rigsim_calibration.py."""
         found = sorted(self.a.simulated.glob(f"{pattern}*/truth_rig.json")) if self.a.simulated else []
         if not found:
             raise Skipped(f"no rigs {pattern}* (--simulated DIR, made by tests/judge/rigsim_calibration.py)")
@@ -110,14 +110,14 @@ def truth_of(session: Path) -> dict:
 
 
 def present(path: Path) -> Path:
-    """The path, if it exists; else what needs it is skipped."""
+    """Returns the path if it exists; else raises Skipped."""
     if not path.exists():
         raise Skipped(f"{path} is missing")
     return path
 
 
 def pictures_in(folder: Path, pattern: str) -> list[Path]:
-    """The pictures of a folder by name; none at all skips what needs them."""
+    """Returns the pictures of a folder by name; raises Skipped if there are none."""
     found = sorted(folder.glob(pattern))
     if not found:
         raise Skipped(f"{folder / pattern} matches no file")
@@ -125,7 +125,7 @@ def pictures_in(folder: Path, pattern: str) -> list[Path]:
 
 
 def copied(work: Path, files: list[Path], copies: int | None = None) -> Path:
-    """A new folder `pictures` with the files; with `copies` so many of each, named STEM~0, STEM~1 and so on."""
+    """Copies the files to a new folder `pictures`; with `copies`, makes that many of each, named STEM~0, STEM~1 and so on."""
     folder = work / "pictures"
     folder.mkdir()
     for file in files:

@@ -1,4 +1,4 @@
-"""Lenses found by Penumbra beside published ones, the truth, and OpenCV's on the same pictures."""
+"""Compares Penumbra's lens calibrations with published ones, the ground truth, and OpenCV's on the same pictures."""
 from __future__ import annotations
 
 import csv
@@ -11,32 +11,32 @@ import cv2
 import numpy as np
 
 from calibration_judge import Comparison, Judge, Row, Skipped, copied, pictures_in, truth_of
-from drawn_pictures import BLACK, BOARD_LENS, WHITE, Lens, Sheet, pictures_of_board
+from synthetic_pictures import BLACK, BOARD_LENS, WHITE, Lens, Sheet, pictures_of_board
 
-#: Half widths of `cornerSubPix`'s window; OpenCV is given the one that leaves the smallest error.
+#: Half widths of `cornerSubPix`'s window; OpenCV uses the one with the smallest reprojection error.
 WINDOWS = (4, 5, 6, 7, 8, 9, 11)
-#: Ends an iteration of OpenCV's.
+#: Termination criteria of OpenCV's iterations.
 SUBPIX = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 60, 1e-4)
 
 
 @dataclass
 class Pictures:
-    """Pictures of one board by one camera, and what is known of the lens."""
+    """Pictures of one board by one camera, and the known properties of the lens."""
 
     name: str
     board: str
     files: list[Path]
     fisheye: bool = False
-    #: fx of a published calibration (pixels), and who published it.
+    #: fx of a published calibration (pixels), and its source.
     published: tuple[float, str] | None = None
-    #: The truth of drawn pictures: where the board's corners are seen in each.
+    #: Ground truth of synthetic pictures: pixels of the board's corners in each.
     corners: list[np.ndarray] | None = None
     charuco: object = None
 
 
 @dataclass
 class View:
-    """Corners of one picture: places on the board (metres, z = 0), pixels."""
+    """Corners of one picture: positions on the board (metres, z = 0), pixels."""
 
     file: str
     places: np.ndarray
@@ -45,16 +45,16 @@ class View:
 
 @dataclass
 class Found:
-    """A lens and what it was found from."""
+    """A lens calibration and its observations."""
 
     by: str
     views: list[View]
     rms: float
     K: np.ndarray
-    #: None of a fisheye.
+    #: None for a fisheye.
     distortion: np.ndarray | None = None
-    left_out: str = ""
-    #: The largest uncertainty over the picture that Penumbra states, pixels.
+    rejected: str = ""
+    #: Maximum uncertainty over the picture as reported by Penumbra, pixels.
     sigma: float = float("nan")
 
 
@@ -62,7 +62,7 @@ class Found:
 
 
 def chessboard_corners(files: list[Path], text: str) -> list[tuple[str, np.ndarray, np.ndarray, np.ndarray]]:
-    """(file, grey picture, places, unrefined corners) of the pictures in which OpenCV sees a chessboard."""
+    """Returns (file, grey picture, positions, unrefined corners) of the pictures in which OpenCV finds a chessboard."""
     columns, rows = map(int, text.split(":")[1].split("x"))
     places = np.zeros((columns * rows, 3), np.float32)
     places[:, :2] = np.mgrid[0:columns, 0:rows].T.reshape(-1, 2) * float(text.split(":")[2])
@@ -76,7 +76,7 @@ def chessboard_corners(files: list[Path], text: str) -> list[tuple[str, np.ndarr
 
 
 def opencv_views(pictures: Pictures) -> Iterator[tuple[str, list[View]]]:
-    """OpenCV's own corners: of a chessboard once for each window of `cornerSubPix`, of a ChArUco board as they come."""
+    """Yields OpenCV's corners: for a chessboard once per window of `cornerSubPix`, for a ChArUco board as detected."""
     if pictures.charuco is None:
         seen = chessboard_corners(pictures.files, pictures.board)
         for half in WINDOWS:
@@ -93,11 +93,11 @@ def opencv_views(pictures: Pictures) -> Iterator[tuple[str, list[View]]]:
 
 
 def opencv_lens(by: str, views: list[View], size: tuple[int, int], fisheye: bool) -> Found:
-    """OpenCV's calibration with five coefficients (fisheye: four)."""
+    """Calibrates by OpenCV with five coefficients (fisheye: four)."""
     objects = [v.places.astype(np.float32) for v in views]
     pixels = [v.pixels.astype(np.float32)[:, None] for v in views]
     if fisheye:
-        # OpenCV 5 has moved the flags.
+        # OpenCV 5 has moved the flags to another module.
         flags = sum(getattr(cv2.fisheye, n, None) or getattr(cv2, n) for n in ("CALIB_USE_INTRINSIC_GUESS", "CALIB_RECOMPUTE_EXTRINSIC", "CALIB_FIX_SKEW"))
         K = np.array([[size[0] / 3, 0, size[0] / 2], [0, size[0] / 3, size[1] / 2], [0, 0, 1]])
         rms, K, *_ = cv2.fisheye.calibrate([o[None].astype(float) for o in objects], [p.reshape(1, -1, 2).astype(float) for p in pixels], size, K, np.zeros((4, 1)), flags=flags, criteria=(3, 100, 1e-9))
@@ -111,7 +111,7 @@ def size_of(pictures: Pictures) -> tuple[int, int]:
 
 
 def by_opencv(pictures: Pictures) -> Found:
-    """The best that OpenCV does by itself."""
+    """Returns OpenCV's calibration with the smallest reprojection error from its own corners."""
     tried = [opencv_lens(f"OpenCV {cv2.__version__}, {how}", views, size_of(pictures), pictures.fisheye) for how, views in opencv_views(pictures)]
     return min(tried, key=lambda found: found.rms)
 
@@ -128,7 +128,7 @@ def by_penumbra(j: Judge, pictures: Pictures) -> Found:
         seen.setdefault(row["view"], []).append([float(row[k]) for k in ("board_x_m", "board_y_m", "pixel_x", "pixel_y")])
     views = [View(name, np.pad(np.array(rows)[:, :2], ((0, 0), (0, 1))), np.array(rows)[:, 2:]) for name, rows in seen.items()]
     used, there = quality["corners"]
-    out = f"; {there - used} left out" if there > used else ""
+    out = f"; {there - used} rejected" if there > used else ""
     return Found("**Penumbra**", views, quality["rms"], *matrices(lens), out, quality["projection_sigma"][1])
 
 
@@ -136,7 +136,7 @@ NAMES = ("k1", "k2", "p1", "p2", "k3")
 
 
 def matrices(lens: dict) -> tuple[np.ndarray, np.ndarray | None]:
-    """Camera matrix and distortion of a calibration file."""
+    """Returns camera matrix and distortion of a calibration file."""
     K = np.array([[lens["focal"][0], 0, lens["centre"][0]], [0, lens["focal"][1], lens["centre"][1]], [0, 0, 1]])
     return K, np.array([lens["distortion"].get(n, 0.0) for n in NAMES]) if lens["model"] == "brown" else None
 
@@ -145,7 +145,7 @@ def matrices(lens: dict) -> tuple[np.ndarray, np.ndarray | None]:
 
 
 def published_focal(file: Path, matrix: str) -> float:
-    """fx of a camera matrix in an OpenCV file; cv2 does not read those of its first versions."""
+    """Returns fx of a camera matrix in an OpenCV file; cv2 cannot read files of its first versions."""
     after = file.read_text().partition(f"{matrix}:")[2].partition("data: [")[2]
     return float(after.split(",")[0])
 
@@ -171,9 +171,9 @@ SQUARE, COLUMNS, ROWS = 0.03, 10, 8
 VIEWS = 14
 
 
-def drawn(j: Judge, kind: str) -> Pictures:
-    """A board of 10 by 8 squares in 14 poses before a known lens."""
-    name, charuco, per_square = f"drawn {kind}", None, 8
+def synthetic(j: Judge, kind: str) -> Pictures:
+    """A board of 10 by 8 squares in 14 poses, rendered with a known lens."""
+    name, charuco, per_square = f"synthetic {kind}", None, 8
     if kind == "chessboard":
         bits, text = np.kron(np.indices((ROWS, COLUMNS)).sum(0) % 2, np.ones((per_square, per_square))), f"chess:{COLUMNS - 1}x{ROWS - 1}:{SQUARE}"
     else:
@@ -199,17 +199,17 @@ SETS = {
     "chessboard, left": lambda j: photographed(j, "left"),
     "chessboard, right": lambda j: photographed(j, "right"),
     "fisheye chessboard": fisheye,
-    "drawn chessboard": lambda j: drawn(j, "chessboard"),
-    "drawn ChArUco": lambda j: drawn(j, "ChArUco"),
-    "drawn ChArUco, OpenCV's older order": lambda j: drawn(j, "ChArUco, OpenCV's older order"),
+    "synthetic chessboard": lambda j: synthetic(j, "chessboard"),
+    "synthetic ChArUco": lambda j: synthetic(j, "ChArUco"),
+    "synthetic ChArUco, OpenCV's older order": lambda j: synthetic(j, "ChArUco, OpenCV's older order"),
 }
 
 
-# ----------------------------------------------------------------------------- judging
+# ----------------------------------------------------------------------------- evaluation
 
 
 def corner_error(pictures: Pictures, views: list[View]) -> float | None:
-    """RMS distance of found corners from the nearest true one, pixels; None for photographs."""
+    """Returns the RMS distance of detected corners from the nearest true ones, pixels; None for photographs."""
     if pictures.corners is None:
         return None
     true = {file.name: corners for file, corners in zip(pictures.files, pictures.corners)}
@@ -218,9 +218,9 @@ def corner_error(pictures: Pictures, views: list[View]) -> float | None:
 
 
 def lens_error(found: Lens, true: Lens) -> float:
-    """Where both lenses see the same directions: their distance in pixels, 95th percentile over the picture.
+    """Returns the distance in pixels between the projections of the same directions, 95th percentile over the picture.
 
-    A rotation of the camera that takes one nearest to the other is removed first: boards cannot tell it.
+    The rotation of the camera that minimises it is removed first, because boards cannot determine it.
     """
     width, height = true.size
     u, v = np.meshgrid(np.linspace(0, width - 1, 33), np.linspace(0, height - 1, 25))
@@ -234,8 +234,8 @@ def lens_error(found: Lens, true: Lens) -> float:
     return float(np.percentile(np.linalg.norm(seen - pixels, axis=1), 95))
 
 
-def drawn_lens_error(pictures: Pictures, found: Found) -> float | None:
-    """The same for drawn pictures; None for photographs, whose lens nobody knows."""
+def synthetic_lens_error(pictures: Pictures, found: Found) -> float | None:
+    """Returns the lens error for synthetic pictures; None for photographs, whose lens is unknown."""
     if pictures.corners is None or found.distortion is None:
         return None
     return lens_error(Lens(BOARD_LENS.size, found.K, found.distortion), BOARD_LENS)
@@ -243,18 +243,18 @@ def drawn_lens_error(pictures: Pictures, found: Found) -> float | None:
 
 def line(pictures: Pictures, found: Found, known: str) -> list[str]:
     corners = sum(len(v.pixels) for v in found.views)
-    errors = [corner_error(pictures, found.views), drawn_lens_error(pictures, found)]
-    return [pictures.name, found.by, str(len(found.views)), f"{corners}{found.left_out}", *("–" if e is None else f"{e:.3f}" for e in errors),
+    errors = [corner_error(pictures, found.views), synthetic_lens_error(pictures, found)]
+    return [pictures.name, found.by, str(len(found.views)), f"{corners}{found.rejected}", *("–" if e is None else f"{e:.3f}" for e in errors),
             f"{found.rms:.3f}", f"{found.K[0, 0]:.1f}", known]
 
 
 def known_focal(pictures: Pictures) -> tuple[float, str] | None:
-    return (float(BOARD_LENS.K[0, 0]), "truth") if pictures.corners is not None else pictures.published
+    return (float(BOARD_LENS.K[0, 0]), "ground truth") if pictures.corners is not None else pictures.published
 
 
 def lenses(j: Judge) -> Iterator[Row | Comparison]:
-    """Penumbra's lenses beside OpenCV's, by OpenCV's own corners and by Penumbra's."""
-    header = ["pictures", "by", "views", "corners", "corners off, px RMS", "lens off, px", "reprojection, px RMS", "f, px", "f published or true"]
+    """Compares Penumbra's lenses with OpenCV's, from OpenCV's corners and from Penumbra's."""
+    header = ["pictures", "by", "views", "corners", "corner error, px RMS", "lens error, px", "reprojection, px RMS", "f, px", "f published or true"]
     table = Comparison("lenses", "Lenses", header)
     for name, make in SETS.items():
         try:
@@ -273,13 +273,13 @@ def lenses(j: Judge) -> Iterator[Row | Comparison]:
 
 
 def bars(pictures: Pictures, ours: Found, theirs: Found, known: tuple[float, str] | None) -> Iterator[Row]:
-    """Corners of drawn pictures are judged by the truth; photographs by how well a lens explains them."""
+    """Yields the limits: synthetic pictures are compared with the ground truth, photographs by their reprojection error."""
     if pictures.corners is None:
         yield Row(pictures.name, "reprojection", ours.rms, theirs.rms, "px RMS", f"{theirs.by}, on the same pictures")
     else:
         error, allowed = corner_error(pictures, ours.views), corner_error(pictures, theirs.views)
         yield Row(pictures.name, "corners", error, allowed, "px RMS", f"{theirs.by}, on the same pictures")
-        yield Row(pictures.name, "all of the lens", drawn_lens_error(pictures, ours), 3 * ours.sigma, "px, 95th percentile", "truth; 3σ as stated by the program")
+        yield Row(pictures.name, "whole lens", synthetic_lens_error(pictures, ours), 3 * ours.sigma, "px, 95th percentile", "ground truth; 3σ reported by the program")
     if known:
         yield Row(pictures.name, "focal length", 100 * abs(ours.K[0, 0] / known[0] - 1), 0.5, "%", known[1])
 
@@ -295,15 +295,15 @@ def simulated_lens(j: Judge) -> Iterator[Row]:
         true = Lens(size, np.array(truth["K"]), np.array([truth["lens_distortion"].get(n, 0.0) for n in NAMES]))
         found = Lens(size, *matrices(lens))
         off = 100 * max(abs(found.K[k, k] / true.K[k, k] - 1) for k in (0, 1))
-        yield Row(f"{session.name} ({board})", "focal length", off, 0.5, "%", "truth")
-        # The uncertainty that the program states must hold: three standard deviations.
+        yield Row(f"{session.name} ({board})", "focal length", off, 0.5, "%", "ground truth")
+        # The error must be within three standard deviations as reported by the program.
         allowed = 3 * lens["quality"]["projection_sigma"][1]
-        yield Row(f"{session.name} ({board})", "all of the lens", lens_error(found, true), allowed, "px, 95th percentile", "truth; 3σ as stated by the program")
+        yield Row(f"{session.name} ({board})", "whole lens", lens_error(found, true), allowed, "px, 95th percentile", "ground truth; 3σ reported by the program")
 
 
 REMARKS = (
     "OpenCV: `findChessboardCorners`, `cornerSubPix` with the window that leaves the smallest error, or `CharucoDetector`; "
-    "`calibrateCamera` with five coefficients, `fisheye.calibrate` with four and no skew; nothing left out. "
-    "Penumbra has one focal length for both axes but with the fisheye. Errors of corners and of the lens (95th percentile over the picture, `lens_error`) are those of pictures drawn by the command, whose lens is known. "
-    "A smaller reprojection error alone is no better lens: what leaves more corners out has less."
+    "`calibrateCamera` with five coefficients, `fisheye.calibrate` with four and no skew; no outliers are rejected. "
+    "Penumbra uses one focal length for both axes except for the fisheye. Errors of corners and of the lens (95th percentile over the picture, `lens_error`) are those of synthetic pictures, whose lens is known. "
+    "A smaller reprojection error alone does not mean a better lens: rejecting more corners reduces it."
 )

@@ -1,4 +1,4 @@
-"""Rigs with known truth: mounting, latency, tag map, environment camera, and where the virtual object is composed."""
+"""Rigs with ground truth: mounting, latency, tag map, environment camera, and registration of the virtual object."""
 from __future__ import annotations
 
 import csv
@@ -19,7 +19,7 @@ Pose = tuple[np.ndarray, np.ndarray]
 
 
 def pose(record: dict) -> Pose:
-    """The pose that a calibration file or a rig.json holds."""
+    """Parses a pose of a calibration file or a rig.json."""
     if "matrix_row_major" in record and "position_sigma" not in record:
         T = np.array(record["matrix_row_major"])
         return T[:3, :3], T[:3, 3]
@@ -31,34 +31,34 @@ def pose(record: dict) -> Pose:
 
 
 def degrees_of(R: np.ndarray) -> float:
-    """The angle of a rotation."""
+    """Returns the angle of a rotation."""
     return math.degrees(math.acos(min(1.0, max(-1.0, (np.trace(R) - 1) / 2))))
 
 
 def apart(found: dict, true: dict) -> tuple[float, float]:
-    """Millimetres and degrees between two poses."""
+    """Returns the distance between two poses, millimetres and degrees."""
     (R, t), (S, u) = pose(found), pose(true)
     return 1e3 * float(np.linalg.norm(t - u)), degrees_of(R.T @ S)
 
 
 def latency_row(what: str, figure: str, latency: dict, true: float) -> Row:
-    return Row(what, figure, 1e3 * abs(latency["seconds"] - true), 2.0, "ms", "truth")
+    return Row(what, figure, 1e3 * abs(latency["seconds"] - true), 2.0, "ms", "ground truth")
 
 
 def mounting_rows(what: str, tracker: dict, truth: dict) -> Iterator[Row]:
-    """Where the camera sits on the sensor, and where the transmitter stands in the world."""
+    """Yields the errors of sensor_from_scene_camera and world_from_transmitter."""
     for key, true, name in (("sensor_from_scene_camera", "T_sensor_cam", "camera on sensor"),
                             ("world_from_transmitter", "T_world_source", "transmitter in world")):
         mm, degrees = apart(tracker[key], truth[true])
-        yield Row(what, f"{name}, position", mm, 1.0, "mm", "truth")
-        yield Row(what, f"{name}, rotation", degrees, 0.1, "degrees", "truth")
+        yield Row(what, f"{name}, position", mm, 1.0, "mm", "ground truth")
+        yield Row(what, f"{name}, rotation", degrees, 0.1, "degrees", "ground truth")
 
 
 # ----------------------------------------------------------------------------- path-traced rigs (--simulated)
 
 
 def waved(j: Judge) -> Iterator[Row]:
-    """Latency, mounting, and a check of the whole rig with what was found."""
+    """Latency and mounting, then verification of the rig with these calibrations."""
     for session in j.simulated("waved"):
         truth, work = truth_of(session)["tracker"], j.folder(session.name)
         mcap = j.imported(work, session)
@@ -72,14 +72,14 @@ def waved(j: Judge) -> Iterator[Row]:
             yield from mounting_rows(session.name, tracker, truth)
         j.run(work, "import", work / "rig", work / "whole.mcap", "--force")
         check = j.calibrate(work, "verify", "check.json", "--session", work / "whole.mcap")
-        distorted = ", the tracker's field distorted" if metal else ""
+        distorted = ", distorted tracker field" if metal else ""
         yield Row(session.name, f"markers by the tracker alone{distorted}", check["reprojection_px"], 1.0, "px RMS", "markers")
         latency = latency_without_markers(j, work)
         yield latency_row(session.name, f"latency by {latency['by']}, mounting known", latency, truth["latency_s"])
 
 
 def latency_without_markers(j: Judge, work: Path) -> dict:
-    """The latency found once more with the mounting known and the tags unknown."""
+    """Calibrates the latency again with known mounting and without tags."""
     rig = work / "unmarked"
     shutil.copytree(work / "rig", rig)
     (rig / "calibration/latency.json").unlink()
@@ -91,7 +91,7 @@ def latency_without_markers(j: Judge, work: Path) -> dict:
 
 
 def tag_map(j: Judge) -> Iterator[Row]:
-    """Where tags are on one another. One tag stands behind a box in every picture and may be missing."""
+    """Relative poses of the tags. One tag is behind a box in every picture and may be missing."""
     for session in j.simulated("waved"):
         work = j.folder(f"{session.name}-map")
         true = {m["id"]: pose(m["T_world_marker"]) for m in json.loads((session / "rig.json").read_text())["markers"]}
@@ -103,13 +103,13 @@ def tag_map(j: Judge) -> Iterator[Row]:
             millimetres.append(1e3 * float(np.linalg.norm(R0.T @ (t - t0) - F0.T @ (f - f0))))
             degrees.append(degrees_of((R0.T @ R).T @ (F0.T @ F)))
         what = f"{session.name}, {len(found)} of {len(true)} tags"
-        yield Row(what, "tags that are not on the map", len(true) - len(found), 1, "tags", "one is hidden")
-        yield Row(what, "map, worst position", max(millimetres), 1.0, "mm", "truth")
-        yield Row(what, "map, worst rotation", max(degrees), 0.5, "degrees", "truth")
+        yield Row(what, "tags missing from the map", len(true) - len(found), 1, "tags", "one is hidden")
+        yield Row(what, "map, worst position", max(millimetres), 1.0, "mm", "ground truth")
+        yield Row(what, "map, worst rotation", max(degrees), 0.5, "degrees", "ground truth")
 
 
 def found_map(j: Judge, work: Path, session: Path) -> dict[int, Pose]:
-    """The map that the program finds when rig.json names no tags."""
+    """Returns the map that the program calibrates if rig.json lists no tags."""
     view = blind_view(session, work / "rig")
     rig = json.loads((view / "rig.json").read_text())
     size = rig.pop("markers")[0]["size_m"]
@@ -120,20 +120,20 @@ def found_map(j: Judge, work: Path, session: Path) -> dict[int, Pose]:
 
 
 def environment(j: Judge) -> Iterator[Row]:
-    """An environment camera whose pose in rig.json is five degrees off, found by the tags that it sees."""
+    """Environment camera calibration by tags; the pose in rig.json has an error of five degrees."""
     for session in j.simulated("fisheye"):
         work = j.folder(session.name)
         found = j.calibrate(work, "environment", "environment.json", "--session", j.imported(work, session))
         mm, degrees = apart(found["T_world_cam"], truth_of(session)["environment_camera"]["T_world_cam"])
-        yield Row(session.name, f"environment camera's rotation by {found['by']}", degrees, 0.5, "degrees", "truth")
-        yield Row(session.name, f"its position by {found['by']}", mm, 10.0, "mm", "truth")
+        yield Row(session.name, f"environment camera's rotation by {found['by']}", degrees, 0.5, "degrees", "ground truth")
+        yield Row(session.name, f"its position by {found['by']}", mm, 10.0, "mm", "ground truth")
 
 
 # ----------------------------------------------------------------------------- registration
 
 
 class Replayed:
-    """A replay's camera poses beside the true ones: how far the corners of a box about the object are off, pixels."""
+    """Compares a replay's camera poses with the true ones by the errors of the corners of a box around the object, pixels."""
 
     def __init__(self, j: Judge, work: Path, session: Path, registration: str, scene_camera: dict, box: np.ndarray, true_pose: Callable[[float], Pose], predict: str = "picture") -> None:
         self.K = np.array(scene_camera["K"])
@@ -148,7 +148,7 @@ class Replayed:
         return cv2.projectPoints((self.box - p[1]) @ p[0], np.zeros(3), np.zeros(3), self.K, self.distortion)[0][:, 0]
 
     def off(self, row: dict, prefix: str, nanos: float) -> np.ndarray:
-        """Distances of the box's corners by the pose of a row (`prefix` "" or "shown_") from those by the true pose."""
+        """Returns the distances between the box's corners by the pose of a row (`prefix` "" or "shown_") and by the true pose."""
         q = [float(row[prefix + k]) for k in ("qw", "qx", "qy", "qz")]
         used = pose({"quaternion_wxyz": q, "position": [float(row[prefix + k]) for k in "xyz"]})
         return np.linalg.norm(self.pixels(used) - self.pixels(self.true_pose(nanos)), axis=1)
@@ -157,14 +157,14 @@ class Replayed:
         return rms([self.off(row, "", float(row["captured_ns"])) for row in self.rows])
 
     def when_shown(self, what: str, registration: str, until: float) -> Iterator[Row]:
-        """The object at the instant when the picture is seen; the truth ends at `until`, nanoseconds."""
+        """Yields the errors of the object at the time of display; the ground truth ends at `until`, nanoseconds."""
         rows = [row for row in self.rows if row["shown_x"] and row["shown_sigma_px"] and float(row["shown_ns"]) <= until]
         predicted = rms([self.off(row, "shown_", float(row["shown_ns"])) for row in rows])
         unpredicted = rms([self.off(row, "", float(row["shown_ns"])) for row in rows])
-        stated = rms([float(row["shown_sigma_px"]) for row in rows]) * math.sqrt(2)
+        reported = rms([float(row["shown_sigma_px"]) for row in rows]) * math.sqrt(2)
         ahead = 1e-6 * float(np.median([float(row["shown_ns"]) - float(row["captured_ns"]) for row in rows]))
-        yield Row(what, f"object by {registration} as it is seen {ahead:.0f} ms later, {len(rows)} pictures", predicted, 0.5 * unpredicted, "px RMS", f"truth; half of the error without prediction ({unpredicted:.2f})")
-        yield Row(what, "that error beside the stated one", predicted / stated, 1.25, "times", f"truth ({stated:.2f} px stated)")
+        yield Row(what, f"object by {registration} displayed {ahead:.0f} ms later, {len(rows)} pictures", predicted, 0.5 * unpredicted, "px RMS", f"ground truth; half the error without prediction ({unpredicted:.2f})")
+        yield Row(what, "that error, relative to the reported one", predicted / reported, 1.25, "times", f"ground truth ({reported:.2f} px reported)")
 
 
 def rms(values: list) -> float:
@@ -172,13 +172,13 @@ def rms(values: list) -> float:
 
 
 def true_poses(session: Path) -> Callable[[float], Pose]:
-    """camera_truth.csv as a function of capture time, nanoseconds."""
+    """Returns the poses of camera_truth.csv as a function of capture time, nanoseconds."""
     table = np.loadtxt(session / "camera_truth.csv", delimiter=",", skiprows=1)
     times, positions, rotations = table[:, 0], table[:, 1:4], table[:, 4:8]
     rotations = rotations * np.where(np.cumprod(np.r_[1, np.sign((rotations[1:] * rotations[:-1]).sum(1))]) < 0, -1, 1)[:, None]
 
     def at(ns: float) -> Pose:
-        # Readings are 8 ms apart: a straight line between two is off by less than a hundredth of a millimetre.
+        # Rows are 8 ms apart: the error of linear interpolation is below a hundredth of a millimetre.
         q = np.array([np.interp(ns, times, rotations[:, k]) for k in range(4)])
         position = np.array([np.interp(ns, times, positions[:, k]) for k in range(3)])
         return pose({"quaternion_wxyz": q / np.linalg.norm(q), "position": position})
@@ -186,39 +186,39 @@ def true_poses(session: Path) -> Callable[[float], Pose]:
     return at
 
 
-#: Corners of the box that an object would fill, world, metres.
+#: Corners of the object's bounding box, world, metres.
 BOX = np.array([[x, y, z] for x in (-0.07, 0.07) for y in (-0.07, 0.07) for z in (0, 0.11)])
 
 
 def registration(j: Judge) -> Iterator[Row]:
-    """The composed object's position in each picture of the path-traced rigs, each calibrated before."""
+    """Position of the composed object in each picture of the path-traced rigs, which `waved` has calibrated."""
     for session in j.simulated("waved"):
         truth, whole = truth_of(session), j.a.out / session.name / "whole.mcap"
         if not whole.exists():
-            raise Skipped("no calibrated rigs; judge `tracker` before")
+            raise Skipped("no calibrated rigs; run the part `tracker` before")
         R, t = pose(truth["object"]["T_world_object"])
         replay = lambda how, work, *predict: Replayed(j, j.folder(work), whole, how, truth["scene_camera"], BOX @ R.T + t, true_poses(session), *predict)
         for how in ("tracker", "markers", "hybrid"):
             found = replay(how, f"{session.name}-{how}")
-            yield Row(session.name, f"object by {how}, {len(found.rows)} pictures", found.when_captured(), 1.0, "px RMS", "truth")
+            yield Row(session.name, f"object by {how}, {len(found.rows)} pictures", found.when_captured(), 1.0, "px RMS", "ground truth")
         for how in ("markers", "hybrid"):
             yield from replay(how, f"{session.name}-{how}-display", "display").when_shown(session.name, how, np.inf)
 
 
-# ----------------------------------------------------------------------------- rigs that the program draws
+# ----------------------------------------------------------------------------- rigs simulated by the program
 
 #: Options of `simulate session` by seed.
-DRAWN = {
+SIMULATED = {
     1: [],
     2: ["--gaps", "0.03", "--jumps", "0.005", "--blur", "1.0"],
     3: ["--motion", "slow", "--camera-latency", "0.021", "--tracker-latency", "0.006", "--noise", "4"],
 }
 
 
-def drawn(j: Judge) -> Iterator[Row]:
-    """Rigs of `simulate session`: latency and mounting, then the object with everything known."""
-    for seed, options in DRAWN.items():
-        what, work = " ".join([f"drawn rig {seed}", *options]), j.folder(f"drawn-{seed}")
+def simulated(j: Judge) -> Iterator[Row]:
+    """Rigs of `simulate session`: latency and mounting, then the object with known calibration."""
+    for seed, options in SIMULATED.items():
+        what, work = " ".join([f"simulated rig {seed}", *options]), j.folder(f"simulated-{seed}")
 
         def make(name: str, seconds: int, *more: str) -> dict:
             j.run(work, "simulate", "session", "--seed", seed, "--seconds", seconds, *options, *more, "--out", f"{name}.mcap", "--truth", f"{name}.json")
@@ -229,24 +229,24 @@ def drawn(j: Judge) -> Iterator[Row]:
         latency = j.calibrate(work, "latency", "latency.json", "--session", "blind.mcap")["tracker_minus_scene"]
         yield latency_row(what, f"latency by {latency['by']}", latency, true_offset)
         yield from mounting_rows(what, j.calibrate(work, "tracker", "tracker.json", "--session", "blind.mcap"), truth)
-        # Slow motion is too little for the optical flow.
+        # Slow motion is too small for the optical flow.
         if "slow" not in options:
             make("unmarked", 20)
             latency = j.calibrate(work, "latency", "unmarked-latency.json", "--session", "unmarked.mcap")["tracker_minus_scene"]
             yield latency_row(what, f"latency by {latency['by']}", latency, true_offset)
-        yield from drawn_registration(j, what, seed, work / "known.mcap", make("known", 12, "--known-markers", "--known-tracker"))
+        yield from simulated_registration(j, what, seed, work / "known.mcap", make("known", 12, "--known-markers", "--known-tracker"))
 
 
-def drawn_registration(j: Judge, what: str, seed: int, session: Path, truth: dict) -> Iterator[Row]:
+def simulated_registration(j: Judge, what: str, seed: int, session: Path, truth: dict) -> Iterator[Row]:
     last = float(truth["frames"][-1]["capture_ns"])
     for how in ("tracker", "hybrid"):
-        found = Replayed(j, j.folder(f"drawn-{seed}-{how}"), session, how, truth["scene_camera"], BOX, drawn_poses(truth), "display")
-        yield Row(what, f"object by {how}, {len(found.rows)} pictures", found.when_captured(), 1.0, "px RMS", "truth")
+        found = Replayed(j, j.folder(f"simulated-{seed}-{how}"), session, how, truth["scene_camera"], BOX, simulated_poses(truth), "display")
+        yield Row(what, f"object by {how}, {len(found.rows)} pictures", found.when_captured(), 1.0, "px RMS", "ground truth")
         yield from found.when_shown(what, how, last)
 
 
-def drawn_poses(truth: dict) -> Callable[[float], Pose]:
-    """The true pose of a drawn rig at a time, nanoseconds: a cubic through the poses of four pictures."""
+def simulated_poses(truth: dict) -> Callable[[float], Pose]:
+    """Returns the true pose of a simulated rig at a time, nanoseconds: a cubic through the poses of four pictures."""
     frames = [(f["capture_ns"], *pose(f["T_world_cam"])) for f in truth["frames"]]
     times = np.array([f[0] for f in frames], float)
 

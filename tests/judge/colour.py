@@ -1,4 +1,4 @@
-"""Colour measures of the judge: sRGB, luminance, CIELAB and the colour difference CIEDE2000.
+"""Colour measures: sRGB, luminance, CIELAB and the colour difference CIEDE2000.
 
 Pictures are arrays whose last axis is R, G, B; sRGB values and linear values lie in [0, 1].
 """
@@ -20,7 +20,7 @@ def linear_from_srgb(encoded: np.ndarray) -> np.ndarray:
 
 
 def srgb_from_linear(linear: np.ndarray) -> np.ndarray:
-    """sRGB transfer function (IEC 61966-2-1); what lies outside [0, 1] is clipped."""
+    """sRGB transfer function (IEC 61966-2-1); values outside [0, 1] are clipped."""
     linear = np.clip(linear, 0.0, 1.0)
     return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
 
@@ -71,7 +71,7 @@ def _polar(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _hues(h1: np.ndarray, h2: np.ndarray, grey: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Difference and mean of two hues in degrees, the short way round; a grey has no hue."""
+    """Difference and mean of two hues in degrees along the shorter arc; a grey has no hue."""
     far = np.abs(h2 - h1) > 180
     turn = np.where(h2 > h1, 360, -360)
     difference = np.where(grey, 0.0, h2 - h1 - far * turn)

@@ -1,4 +1,4 @@
-"""Pictures of tags for the comparison of detectors: path-traced, drawn, photographed."""
+"""Pictures of tags for the comparison of detectors: path-traced, synthetic, photographed."""
 from __future__ import annotations
 
 import json
@@ -12,26 +12,26 @@ import numpy as np
 
 from calibration_judge import Judge, pictures_in, present
 from detectors import DICTIONARIES, Found
-from drawn_pictures import picture_of_tags
+from synthetic_pictures import picture_of_tags
 
-DRAWN_PICTURES = 40
+SYNTHETIC_PICTURES = 40
 
 
 @dataclass
 class Series:
-    """Pictures with tags of one family; the tags of each picture, or None where nobody knows them."""
+    """Pictures with tags of one family; the tags of each picture, or None if they are unknown."""
 
     name: str
     family: str
     files: list[Path]
     there: list[Found] | None
-    #: Whether the corners of `there` are the truth; else they only say which tags there are.
+    #: Whether the corners of `there` are ground truth; else they only identify the tags.
     exact: bool = False
-    drawn: bool = False
+    synthetic: bool = False
 
 
 def desk_marker(j: Judge) -> Series:
-    """Path-traced pictures with three tags; their corners by the true poses of camera and tags."""
+    """Path-traced pictures with three tags; their corners follow from the true poses of camera and tags."""
     folder = present(j.a.truth / "desk-marker/truth_rig.json").parent
     rig = json.loads((folder / "rig.json").read_text())
     frames = json.loads((folder / "truth_rig.json").read_text())["scene_camera"]["frames_truth"]
@@ -49,18 +49,18 @@ def desk_marker(j: Judge) -> Series:
     return Series("desk-marker (path-traced)", "tag36h11", pictures_in(folder / "scene", "*.jpg"), there, exact=True)
 
 
-def drawn(family: str) -> Callable[[Judge], Series]:
-    """Pictures drawn here, whose corners are known."""
+def synthetic(family: str) -> Callable[[Judge], Series]:
+    """Synthetic pictures, whose corners are known."""
 
     def make(j: Judge) -> Series:
         dictionary = cv2.aruco.getPredefinedDictionary(DICTIONARIES[family])
-        folder, files, there = j.folder(f"drawn-{family}"), [], []
-        for k in range(DRAWN_PICTURES):
+        folder, files, there = j.folder(f"synthetic-{family}"), [], []
+        for k in range(SYNTHETIC_PICTURES):
             picture, corners = picture_of_tags(dictionary, [k, DICTIONARIES[family]])
             files.append(folder / f"{k:02}.png")
             cv2.imwrite(str(files[-1]), picture)
             there.append(list(corners.items()))
-        return Series(f"drawn {family}", family, files, there, exact=True, drawn=True)
+        return Series(f"synthetic {family}", family, files, there, exact=True, synthetic=True)
 
     return make
 
@@ -72,7 +72,7 @@ def duckietown(j: Judge) -> Series:
 
 
 def nasa(j: Judge) -> Series:
-    """Many small tags; its text files hold the corners that the AprilTag library's authors expect."""
+    """Many small tags; the text files hold the corners that the AprilTag library's authors expect."""
     files, there = pictures_in(j.data("calibration/apriltag_nasa"), "*.jpg"), []
     for file in files:
         lines = [line for line in file.with_suffix(".txt").read_text().splitlines() if line.strip()]
@@ -94,7 +94,7 @@ def fdcl(j: Judge) -> Series:
 
 SERIES: list[tuple[str, Callable[[Judge], Series]]] = [
     ("desk-marker", desk_marker),
-    *((f"drawn {family}", drawn(family)) for family in ("tag36h11", "tag25h9", "tag16h5", "4x4_50", "6x6_250")),
+    *((f"synthetic {family}", synthetic(family)) for family in ("tag36h11", "tag25h9", "tag16h5", "4x4_50", "6x6_250")),
     ("duckietown", duckietown),
     ("nasa", nasa),
     ("OpenCV's ArUco photographs", aruco),

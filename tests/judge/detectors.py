@@ -1,9 +1,9 @@
-"""Other programs' detectors of tags, behind one form: a grey picture in, numbers and corners out.
+"""Tag detectors of other programs behind one interface: from a grey picture to tag numbers and corners.
 
 Corners are returned in Penumbra's convention, pixel (0, 0) centred on the top left pixel. The AprilTag library,
 kornia (a port of it) and locus put that pixel's centre at (0.5, 0.5). So does OpenCV's refinement
-"AprilTag", unlike the rest of OpenCV. Their half pixel is taken off here. The order in which a detector
-names the corners does not matter to the comparison.
+"AprilTag", unlike the rest of OpenCV. This half pixel is subtracted here. The order of the corners does not
+matter to the comparison.
 """
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-#: What a detector found: number and four corners, pixels.
+#: Detected tags: number and four corners, pixels.
 Found = list[tuple[int, np.ndarray]]
 Detect = Callable[[np.ndarray], Found]
 
@@ -31,17 +31,17 @@ DICTIONARIES = {
 
 @dataclass
 class Detector:
-    """A detector by another program; `make` returns None for a family that it does not know."""
+    """A detector of another program; `make` returns None for a family that it does not support."""
 
     name: str
-    #: Whose quadrilaterals it finds; detectors of one origin do not confirm one another.
+    #: Origin of its quadrilateral detection; detectors of the same origin do not confirm one another.
     origin: str
     #: None for OpenCV, which has several packages.
     package: str | None
     make: Callable[[str], Detect | None]
 
     def title(self) -> str:
-        """Name and version; PackageNotFoundError where it is not installed."""
+        """Returns name and version; raises PackageNotFoundError if it is not installed."""
         return self.name.format(importlib.metadata.version(self.package) if self.package else cv2.__version__)
 
 
@@ -55,7 +55,7 @@ def apriltag_library(family: str) -> Detect | None:
 
 
 def kornia(family: str) -> Detect | None:
-    """kornia's port of it to Rust, full resolution."""
+    """kornia's port of the AprilTag library to Rust, full resolution."""
     import kornia_rs.apriltag as module
     from kornia_rs.image import ImageSize
     names = {"tag36h11": "tag36_h11", "tag25h9": "tag25_h9", "tag16h5": "tag16_h5"}

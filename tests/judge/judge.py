@@ -1,19 +1,19 @@
 #!/usr/bin/env python3
-"""Compare composited pictures with path-traced truth.
+"""Compare composited pictures with path-traced ground truth.
 
     tests/judge/judge.py RIG                     figures of the baselines
     tests/judge/judge.py RIG --pictures DIR      and of the pictures in DIR
 
 RIG is a folder with, for every judged frame number N of five digits,
 
-    truth/with_N, truth/without_N    the scene with and without the virtual object, free of noise
+    truth/with_N, truth/without_N    the scene with and without the virtual object, without noise
     masks/object_N                   share of each pixel that the virtual object covers, 255 = all
     masks/labels_without_N           what each pixel shows without the object; see RECEIVERS
-    masks/object_open_N              optional: the object's share if nothing unknown hid it
+    masks/object_open_N              optional: the object's share if no unknown object hid it
     scene/N                          optional: the camera's picture, with noise
 
 The last digits in the name of a file in DIR are its frame number. All pictures are 8-bit sRGB.
-Every figure is zero for a picture that equals the truth.
+Every figure is zero for a picture that equals the ground truth.
 """
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from PIL import Image
 
 from colour import ciede2000, lab_from_srgb, linear_from_srgb, luminance, srgb_from_linear
 
-#: Column -> what it measures. Luminance is linear; it is divided by that of the truth without the object.
+#: Column -> its meaning. Luminance is linear, relative to the ground truth without the object.
 FIGURES = {
     "rmse_shadow": "root mean square error in the shadow, 8-bit codes",
     "s_err": "mean absolute luminance error in the shadow",
@@ -40,29 +40,29 @@ FIGURES = {
     "l_err": "mean absolute luminance error where the object or a virtual light brightens the scene",
     "dE_lit": "mean CIEDE2000 there",
     "dE_object": "mean CIEDE2000 on the virtual object",
-    "bad": "percentage of the changed pixels whose CIEDE2000 is above 6, which anyone sees",
+    "bad": "percentage of the changed pixels whose CIEDE2000 is above 6, a clearly visible difference",
 }
 #: Labels of real surfaces that can show a shadow: the ground (1) and real objects. Lights, the mirrored
 #: sphere, the sky (0) and the virtual object are outside this range.
 RECEIVERS = range(1, 90)
 #: A pixel lies in the shadow (or is lit) if its luminance falls (or rises) by this share ...
 LUMINANCE_CHANGE = 0.02
-#: ... and a channel changes by so many 8-bit codes. Less is noise of the path tracer.
+#: ... and a channel changes by this many 8-bit codes. Smaller changes are noise of the path tracer.
 CODE_CHANGE = 2
-#: Fewer lit pixels than this give no figures.
+#: Minimum number of lit pixels for their figures.
 LIT_PIXELS = 200
 VISIBLE_DIFFERENCE = 6.0
-#: Luminance below this is not divided by.
+#: Minimum luminance of a divisor.
 DARK = 1e-4
 
 
 class Unjudged(Exception):
-    """Pictures or truth are missing or do not fit; the text says which."""
+    """Pictures or ground truth are missing or do not match; the message names them."""
 
 
 @dataclass(frozen=True)
 class Truth:
-    """What the judge knows of one frame; pictures in sRGB, masks of pixels."""
+    """Ground truth of one frame; pictures in sRGB, masks of pixels."""
 
     with_object: np.ndarray
     without: np.ndarray
@@ -77,7 +77,7 @@ class Truth:
 
 
 def grown(mask: np.ndarray, pixels: int = 1) -> np.ndarray:
-    """The mask and all that lies within so many pixels, diagonals included."""
+    """Dilates the mask by a number of pixels, diagonals included."""
     for _ in range(pixels):
         around = np.pad(mask, 1)
         around = around[:-2] | around[1:-1] | around[2:]
@@ -86,12 +86,12 @@ def grown(mask: np.ndarray, pixels: int = 1) -> np.ndarray:
 
 
 def picture_file(folder: Path, stem: str) -> Path | None:
-    """The picture of that name, in whatever format."""
+    """Returns the picture of that name in any format."""
     return next(iter(sorted(folder.glob(f"{stem}.*"))), None)
 
 
 def read(file: Path | None, mode: str, what: str) -> np.ndarray:
-    """A picture's 8-bit codes."""
+    """Reads the 8-bit codes of a picture."""
     if file is None:
         raise Unjudged(f"{what} is missing")
     with Image.open(file) as picture:
@@ -103,17 +103,17 @@ def read_srgb(file: Path | None, what: str) -> np.ndarray:
 
 
 def frame_numbers(rig: Path, every: int = 1) -> list[int]:
-    """Numbers of every N-th frame that has a truth."""
+    """Returns the numbers of every N-th frame with ground truth."""
     return sorted(number(file) for file in (rig / "truth").glob("with_*"))[::every]
 
 
 def number(file: Path) -> int:
-    """The last digits in a file's name."""
+    """Returns the last number in a file's name."""
     return int(re.findall(r"\d+", file.stem)[-1])
 
 
 def load_truth(rig: Path, frame: int) -> Truth:
-    """Reads one frame's truth and finds its regions."""
+    """Reads the ground truth of one frame and determines its regions."""
     def pixels(folder: str, name: str) -> np.ndarray:
         return read(picture_file(rig / folder, f"{name}_{frame:05d}"), "L", f"{rig}/{folder}/{name}_{frame:05d}")
 
@@ -134,7 +134,7 @@ def load_truth(rig: Path, frame: int) -> Truth:
 
 
 def changed_pixels(receivers: np.ndarray, coverage: np.ndarray, hidden: np.ndarray, with_object: np.ndarray) -> np.ndarray:
-    """Where the object changes the picture: itself, its shadow and light, two pixels around, and what hides it.
+    """Returns the pixels that the object changes: itself, its shadow and light, two pixels around, and its occluders.
 
     The inside of the teapot's open spout is left out. Its surface has one side only, so it is black in
     the truth, which is no fault of a picture that shows it otherwise.
@@ -144,7 +144,7 @@ def changed_pixels(receivers: np.ndarray, coverage: np.ndarray, hidden: np.ndarr
 
 
 def figures(truth: Truth, picture: np.ndarray) -> dict[str, float]:
-    """Figures of one picture (sRGB); a figure whose region is empty is left out."""
+    """Returns the figures of one picture (sRGB); figures of empty regions are omitted."""
     found: dict[str, float] = {}
     luma, want, base = luminance(picture), luminance(truth.with_object), luminance(truth.without)
     relative = np.abs(luma - want) / np.maximum(base, DARK)
@@ -166,7 +166,7 @@ def figures(truth: Truth, picture: np.ndarray) -> dict[str, float]:
 
 
 def difference_map(truth: Truth, picture: np.ndarray) -> np.ndarray:
-    """CIEDE2000 between picture and truth in every region, 0 elsewhere."""
+    """Returns CIEDE2000 between picture and ground truth in every region, 0 elsewhere."""
     region = truth.shadow | truth.lit | truth.object | truth.changed
     difference = np.zeros(region.shape)
     difference[region] = ciede2000(lab_from_srgb(picture[region]), lab_from_srgb(truth.with_object[region]))
@@ -174,7 +174,7 @@ def difference_map(truth: Truth, picture: np.ndarray) -> np.ndarray:
 
 
 def baselines(truth: Truth) -> dict[str, np.ndarray]:
-    """Pictures that are made from the truth, as a scale for the figures.
+    """Returns pictures made from the ground truth, as a scale for the figures.
 
     without     neither object nor shadow
     unlit_mean  the object in its true mean colour, no shadow
@@ -198,7 +198,7 @@ def baselines(truth: Truth) -> dict[str, np.ndarray]:
 
 
 def overall(rows: list[dict[str, float]]) -> dict[str, float]:
-    """Figures of all frames: a root mean square of the frames' RMSE, else their mean."""
+    """Combines the figures of frames: the root mean square of RMSE, the mean of the others."""
     result = {}
     for column in FIGURES:
         values = np.array([row[column] for row in rows if column in row])
@@ -208,13 +208,13 @@ def overall(rows: list[dict[str, float]]) -> dict[str, float]:
 
 
 def judge_pictures(rig: Path, pictures: Path, every: int = 1) -> dict[str, float]:
-    """Figures of a folder of pictures; every judged frame must be among them."""
+    """Returns the figures of a folder of pictures, which must contain every evaluated frame."""
     there = {number(file): file for file in sorted(pictures.glob("*.*")) if re.search(r"\d", file.stem)}
     return overall([judge_picture(load_truth(rig, frame), there.get(frame), f"{pictures}: frame {frame}") for frame in frames(rig, every)])
 
 
 def judge_picture(truth: Truth, file: Path | None, what: str) -> dict[str, float]:
-    """Figures of one file."""
+    """Returns the figures of one file."""
     picture = read_srgb(file, what)
     if picture.shape != truth.with_object.shape:
         raise Unjudged(f"{file}: {picture.shape[1]}x{picture.shape[0]} pixels; the truth has {truth.without.shape[1]}x{truth.without.shape[0]}")
@@ -222,7 +222,7 @@ def judge_picture(truth: Truth, file: Path | None, what: str) -> dict[str, float
 
 
 def judge_baselines(rig: Path, every: int = 1) -> dict[str, dict[str, float]]:
-    """Figures of the baselines, by name."""
+    """Returns the figures of the baselines, by name."""
     rows: dict[str, list[dict[str, float]]] = {}
     for frame in frames(rig, every):
         truth = load_truth(rig, frame)
@@ -232,7 +232,7 @@ def judge_baselines(rig: Path, every: int = 1) -> dict[str, dict[str, float]]:
 
 
 def frames(rig: Path, every: int) -> Iterator[int]:
-    """Numbers of the judged frames; a rig without any is an error."""
+    """Returns the numbers of the evaluated frames; raises Unjudged if there are none."""
     found = frame_numbers(rig, every)
     if not found:
         raise Unjudged(f"{rig}/truth has no pictures with_*")
@@ -243,7 +243,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("rig", type=Path)
     parser.add_argument("--pictures", type=Path, help="folder of composited pictures")
-    parser.add_argument("--every", type=int, default=1, help="judge every N-th frame that has a truth")
+    parser.add_argument("--every", type=int, default=1, help="evaluate every N-th frame with ground truth")
     a = parser.parse_args()
     try:
         rows = judge_baselines(a.rig, a.every)

@@ -1,9 +1,9 @@
 #!/usr/bin/env python3
-"""Tests of the judge (judge.py, colour.py) and of what surrounds it (fidelity.py, rigs.py, tables.py).
+"""Tests of judge.py, colour.py, fidelity.py, rigs.py and tables.py.
 
     tests/judge/judge_test.py [-v]
 
-The comparison with ../shared/truth/compare.py, an independent judge, says SKIPPED where that is missing.
+The comparison with ../shared/truth/compare.py, an independent implementation, is SKIPPED if that file is missing.
 """
 from __future__ import annotations
 
@@ -98,10 +98,10 @@ class Figures(Scratch):
         self.save("masks/labels_without_00007.png", np.full((64, 64), 200, np.uint8))
         self.assertEqual(judge.load_truth(self.folder, 7).shadow.sum(), 0)
 
-    def test_the_truth_itself_has_no_error(self) -> None:
+    def test_ground_truth_has_no_error(self) -> None:
         self.assertEqual(set(self.judged(self.with_object).values()), {0.0})
 
-    def test_a_missing_shadow_is_counted_whole(self) -> None:
+    def test_missing_shadow_is_counted_completely(self) -> None:
         found = self.judged(self.without)
         dark, bright = colour.linear_from_srgb(np.array([100, 200]) / 255)
         for column in ("s_err", "s_bias", "s_core"):
@@ -109,12 +109,12 @@ class Figures(Scratch):
         self.assertAlmostEqual(found["rmse_shadow"], 100)
         self.assertAlmostEqual(found["bad"], 100 * (400 + 100) / (24 * 24 + 14 * 14))
 
-    def test_too_dark_a_shadow_has_a_negative_bias(self) -> None:
+    def test_too_dark_shadow_has_negative_bias(self) -> None:
         picture = self.with_object.copy()
         picture[self.SHADOW] = 90
         self.assertLess(self.judged(picture)["s_bias"], -0.01)
 
-    def test_light_that_is_missing_is_an_error(self) -> None:
+    def test_missing_light_is_an_error(self) -> None:
         self.with_object[self.SHADOW] = 230
         self.save("truth/with_00007.png", self.with_object)
         found = self.judged(self.without)
@@ -122,39 +122,39 @@ class Figures(Scratch):
         self.assertAlmostEqual(found["l_err"], lit / base - 1)
         self.assertNotIn("s_err", found)
 
-    def test_overall_takes_the_mean_square_of_rmse_and_the_mean_of_the_rest(self) -> None:
+    def test_overall_is_root_mean_square_of_rmse_and_mean_of_others(self) -> None:
         found = judge.overall([{"rmse_shadow": 3.0, "dE": 1.0}, {"rmse_shadow": 4.0}])
         self.assertEqual(found, {"rmse_shadow": math.sqrt(12.5), "dE": 1.0})
 
-    def test_a_missing_picture_is_refused(self) -> None:
+    def test_missing_picture_is_refused(self) -> None:
         with self.assertRaisesRegex(judge.Unjudged, "frame 7 is missing"):
             judge.judge_pictures(self.folder, self.folder / "pictures")
 
-    def test_a_picture_of_another_size_is_refused(self) -> None:
+    def test_picture_of_another_size_is_refused(self) -> None:
         with self.assertRaisesRegex(judge.Unjudged, "32x16 pixels; the truth has 64x64"):
             self.judged(np.zeros((16, 32, 3), np.uint8))
 
 
 class Bundled(Scratch):
-    def test_the_truth_belongs_to_the_sessions(self) -> None:
-        """The camera's pictures beside the truth stand, byte for byte, in the session."""
+    def test_ground_truth_belongs_to_the_sessions(self) -> None:
+        """The session contains the camera's pictures of the ground truth, byte for byte."""
         for rig in rigs.bundled():
             session = rig.recording.read_bytes()
             for frame in judge.frame_numbers(rig.truth):
                 self.assertIn((rig.truth / f"scene/{frame:05d}.jpg").read_bytes(), session, f"{rig.name}, frame {frame}")
 
-    def test_noise_costs_far_less_than_no_shadow(self) -> None:
+    def test_noise_causes_less_error_than_a_missing_shadow(self) -> None:
         for rig in rigs.bundled():
             rows = judge.judge_baselines(rig.truth)
             for column, share in (("s_err", 0.1), ("dE", 0.25), ("bad", 0.01)):
                 self.assertLess(rows["truth_jpg"][column], share * rows["without"][column], f"{rig.name}: {column}")
 
-    def test_without_other_rigs_the_bundled_ones_are_judged_and_the_others_named(self) -> None:
+    def test_bundled_rigs_are_found_and_missing_ones_listed(self) -> None:
         found, missing = fidelity.chosen_rigs(argparse.Namespace(truth=self.folder, sessions=None, every=4))
         self.assertEqual([(rig.name, rig.every) for rig in found], [("courtyard.mcap", 1), ("desk.mcap", 1)])
         self.assertEqual(missing, ["courtyard", "desk", "desk-lamp", "desk-marker", "desk-sphere"])
 
-    def test_a_blind_view_lacks_the_truth(self) -> None:
+    def test_blind_view_omits_the_ground_truth(self) -> None:
         for name in ("truth/with_00000.png", "masks/object_00000.png", "scene/00000.jpg", "truth_rig.json", "rig.json"):
             file = self.folder / "rig" / name
             file.parent.mkdir(parents=True, exist_ok=True)
@@ -170,20 +170,20 @@ class Bars(unittest.TestCase):
     def reached(self, gains: list[float] | None = None, name: str = "desk", **worse: float) -> bool:
         return fidelity.bars_table([fidelity.Result(name, {"image-based-shadowing": self.GOOD | worse, "without": self.WITHOUT}, gains)])[1]
 
-    def test_each_bar_can_be_missed(self) -> None:
+    def test_each_limit_can_be_exceeded(self) -> None:
         self.assertTrue(self.reached([1.0, 0.0, -2.0]))
         self.assertFalse(self.reached([0.0, 0.0, -3.1]))
         for column, worse in (("s_err", 0.11), ("s_bias", -0.02), ("s_bias", 0.02), ("dE", 4.6), ("dE_object", 5.1)):
             self.assertFalse(self.reached(**{column: worse}), column)
 
-    def test_virtual_lamps_have_bars_of_their_own(self) -> None:
+    def test_virtual_lamps_have_separate_limits(self) -> None:
         self.assertTrue(self.reached(name="desk-lamp", l_err=0.07, dE_lit=2.0))
         for figures in ({"l_err": 0.09, "dE_lit": 2.0}, {"l_err": 0.07, "dE_lit": 3.1}, {}):
             self.assertFalse(self.reached(name="desk-lamp", **figures), figures)
 
 
 class Tables(Scratch):
-    def test_only_what_stands_between_the_marks_changes(self) -> None:
+    def test_only_text_between_the_marks_changes(self) -> None:
         page = self.folder / "page.md"
         page.write_text("a\n<!-- t:begin -->\nold\n<!-- t:end -->\nb\n")
         tables.write_between(page, "t", "new")
@@ -191,14 +191,14 @@ class Tables(Scratch):
         with self.assertRaisesRegex(ValueError, "u:begin"):
             tables.write_between(page, "u", "new")
 
-    def test_the_pages_of_results_have_their_marks(self) -> None:
+    def test_result_pages_have_their_marks(self) -> None:
         for mark in ("fidelity", "bench", "calibration"):
             page = (tables.RESULTS / f"{mark}.md").read_text()
             self.assertLess(page.index(f"<!-- {mark}:begin -->"), page.index(f"<!-- {mark}:end -->"))
 
 
 class Agreement(Scratch):
-    """Both judges give the same figures, to the digits of the table."""
+    """Both implementations give the same figures, to the digits of the table."""
 
     def setUp(self) -> None:
         super().setUp()
@@ -210,7 +210,7 @@ class Agreement(Scratch):
         except Unavailable as error:
             self.skipTest(str(error))
 
-    def test_with_the_independent_judge(self) -> None:
+    def test_with_the_independent_implementation(self) -> None:
         names = ("truth/*/truth", "rigs/desk-depth/truth")
         for rig in sorted(found.parent for name in names for found in SHARED.glob(name)):
             with self.subTest(rig=rig.name):
@@ -224,7 +224,7 @@ class Agreement(Scratch):
                             self.assertAlmostEqual(ours[row][column], theirs[row][column], delta=0.5 * 0.1**digits, msg=f"{row} {column}")
 
     def imperfect(self, rig: Path, every: int) -> Path:
-        """Pictures with some error in every region: the truth with a weak shadow, another tint and noise."""
+        """Writes pictures with errors in every region: the ground truth with a weaker shadow, another tint and noise."""
         folder, random = self.folder / rig.name, np.random.default_rng(1)
         folder.mkdir()
         for frame in judge.frame_numbers(rig, every):
@@ -234,7 +234,7 @@ class Agreement(Scratch):
         return folder
 
     def theirs(self, rig: Path, pictures: Path, every: int) -> dict[str, dict[str, float]]:
-        """The other judge's figures, by row and column."""
+        """Returns the figures of the other implementation, by row and column."""
         table = self.folder / "theirs.csv"
         subprocess.run([self.python, str(self.compare), str(rig), "--composites", str(pictures), "--every", str(every),
                         "--baseline-every", "1", "--no-flip", "--csv", str(table)], check=True, stdout=subprocess.DEVNULL)

@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
-"""Others can read our sessions: opens one with the Python `mcap` package, by its summary and
-from front to back, and decodes every Foxglove message.
+"""Check that other software can read sessions: opens one with the Python `mcap` package, by its
+summary and sequentially, and decodes every Foxglove message.
 
     tests/judge/mcap_opens.py [SESSION.mcap]
 """
@@ -20,7 +20,7 @@ FOXGLOVE = {
 
 
 def check(path: Path) -> list[str]:
-    """What is wrong with the session; empty if nothing is."""
+    """Returns the defects of the session."""
     from mcap.reader import make_reader
     from mcap_protobuf.decoder import DecoderFactory
 
@@ -35,15 +35,15 @@ def check(path: Path) -> list[str]:
         for schema, channel, message in reader.iter_messages(log_time_order=False):
             counts[channel.topic] += 1
             if message.log_time < before.get(channel.topic, 0):
-                wrong.append(f"{channel.topic}: time goes back at {message.log_time}")
+                wrong.append(f"{channel.topic}: time decreases at {message.log_time}")
             before[channel.topic] = message.log_time
         for schema, channel, message, value in reader.iter_decoded_messages():
             decoded[channel.topic] += 1
             if schema.name == "foxglove.CompressedImage" and not bytes(value.data).startswith((b"\xff\xd8", b"\x89PNG")):
                 wrong.append(f"{channel.topic}: {value.format} that starts with {bytes(value.data)[:4]}")
-        told = {summary.channels[i].topic: n for i, n in summary.statistics.channel_message_counts.items()}
-    if not counts or told != dict(counts) or counts != decoded:
-        wrong.append(f"messages: summary {told}, read {dict(counts)}, decoded {dict(decoded)}")
+        expected = {summary.channels[i].topic: n for i, n in summary.statistics.channel_message_counts.items()}
+    if not counts or expected != dict(counts) or counts != decoded:
+        wrong.append(f"messages: summary {expected}, read {dict(counts)}, decoded {dict(decoded)}")
     print(f"{path.name}: {sum(counts.values())} messages on {len(counts)} topics read by the mcap package")
     return wrong
 

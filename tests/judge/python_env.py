@@ -1,4 +1,4 @@
-"""A Python that has the packages a judging script needs: this one, or a venv under target/."""
+"""Finds a Python with the packages of a script: the running one, or a venv under target/."""
 from __future__ import annotations
 
 import importlib.metadata
@@ -13,16 +13,16 @@ TARGET = Path(os.environ.get("CARGO_TARGET_DIR", ROOT / "target"))
 
 
 class Unavailable(Exception):
-    """No such Python could be had; the text says why and what to do."""
+    """No such Python is available; the message gives the reason and a remedy."""
 
 
 def has(python: str | Path, modules: list[str]) -> bool:
-    """Whether that Python imports all of them."""
+    """Whether that Python can import all modules."""
     return Path(python).exists() and not subprocess.run([str(python), "-c", f"import {', '.join(modules)}"], capture_output=True).returncode
 
 
 def python_with(modules: list[str], requirements: Path, given: str | None = None) -> str:
-    """Path of a Python with `modules`; installs `requirements` into target/venv at need."""
+    """Returns the path of a Python with `modules`; installs `requirements` into target/venv if needed."""
     own = TARGET / "venv/bin/python"
     for python in [given] if given else [sys.executable, own]:
         if has(python, modules):
@@ -41,14 +41,14 @@ def python_with(modules: list[str], requirements: Path, given: str | None = None
 
 
 def run_with(modules: list[str], requirements: Path) -> None:
-    """Starts this script again under a Python that has `modules`, unless this one has them."""
+    """Restarts this script under a Python with `modules`, unless this one has them."""
     python = python_with(modules, requirements)
     if python != sys.executable:
         os.execv(python, [python, *sys.argv])
 
 
 def install_optional(requirements: Path) -> None:
-    """Tries to install each requirement by itself, wheels only, into the environment under target/.
+    """Tries to install each requirement separately, wheels only, into the environment under target/.
 
     Leaves every other Python as it is. What could not be had is for the caller to notice.
     """

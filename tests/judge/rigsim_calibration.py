@@ -1,10 +1,10 @@
 #!/usr/bin/env python3
-"""Make a path-traced rig to calibrate: a camera with a bent lens is waved about before tags.
+"""Make a path-traced rig to calibrate: a camera with lens distortion is moved in front of tags.
 
 Uses rigsim (Mitsuba 3). Every rig has its own lens, mounting, transmitter, latencies and noise,
-drawn from --seed; the tracker's field can be bent as near metal (--metal). What the rig's owner
-would know goes to rig.json (markers, a rough lens, no mounting, no latency), the rest to
-truth_rig.json. `tests/judge/calibration.py --simulated DIR` judges by it.
+sampled from --seed; the tracker's field can be distorted as near metal (--metal). rig.json holds
+what the rig's owner would know (markers, a rough lens, no mounting, no latency), truth_rig.json
+the rest. `tests/judge/calibration.py --simulated DIR` compares calibrations with it.
 
     tests/judge/rigsim_calibration.py --rigsim ../shared/rigsim -o DIR/waved-1 --seed 1
     tests/judge/rigsim_calibration.py --rigsim ../shared/rigsim -o DIR/board-1 --seed 4 --board chess
@@ -23,20 +23,20 @@ import numpy as np
 
 def options() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--rigsim", type=Path, required=True, help="rigsim's folder")
+    parser.add_argument("--rigsim", type=Path, required=True, help="folder of rigsim")
     parser.add_argument("-o", "--out", type=Path, required=True)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--frames", type=int, default=180)
-    parser.add_argument("--rate", type=float, default=15.0, help="pictures a second")
-    parser.add_argument("--spp", type=int, default=16, help="samples a pixel")
-    parser.add_argument("--board", choices=("chess", "charuco"), help="a board, drawn by OpenCV, in place of the tags")
-    parser.add_argument("--fisheye", action="store_true", help="an environment camera that sees the tags; rig.json has it 5 degrees off")
+    parser.add_argument("--rate", type=float, default=15.0, help="pictures per second")
+    parser.add_argument("--spp", type=int, default=16, help="samples per pixel")
+    parser.add_argument("--board", choices=("chess", "charuco"), help="a board, rendered by OpenCV, in place of the tags")
+    parser.add_argument("--fisheye", action="store_true", help="an environment camera that sees the tags; its pose in rig.json has an error of 5 degrees")
     parser.add_argument("--metal", type=float, default=0.0, help="largest error of the tracker's field, metres")
     return parser.parse_args()
 
 
 class Waved:
-    """Camera path about the desk: a wide arc, nodding, rolling and swaying at incommensurate rates."""
+    """Camera path around the desk: a wide arc with pitch, roll and sway at incommensurate rates."""
 
     def __init__(self, rng: np.random.Generator, look_at, rotvec, aside: float) -> None:
         self.look_at, self.rotvec, self.aside = look_at, rotvec, aside
@@ -53,7 +53,7 @@ class Waved:
 
 
 def bent(camera_class, k: np.ndarray):
-    """rigsim's pinhole with k1, k2, p1, p2, k3 (Brown 1966, OpenCV's order): rays by fixed point."""
+    """rigsim's pinhole with k1, k2, p1, p2, k3 (Brown 1966, OpenCV's order): rays by fixed-point iteration."""
     k1, k2, p1, p2, k3 = (float(x) for x in k)
 
     class Bent(camera_class):
@@ -73,7 +73,7 @@ def bent(camera_class, k: np.ndarray):
 
 
 def fisheye(rng: np.random.Generator, geometry) -> dict:
-    """An environment camera on a stand beside the table, tilted so that it sees room and tags."""
+    """An environment camera on a stand beside the table, tilted so that it sees the room and the tags."""
     bearing = float(rng.uniform(-math.pi, math.pi))
     eye = np.array([0.4 * math.cos(bearing), 0.05 + 0.4 * math.sin(bearing), float(rng.uniform(0.25, 0.4))])
     pose = geometry.look_at(eye, np.array([0.0, 0.05, eye[2] - float(rng.uniform(0.1, 0.4))]))
@@ -83,9 +83,9 @@ def fisheye(rng: np.random.Generator, geometry) -> dict:
 
 
 def description(base: dict, a: argparse.Namespace, rng: np.random.Generator, geometry) -> dict:
-    """desk-marker's desk with six tags, another rig about it."""
+    """The desk of desk-marker with six tags and another rig."""
     cfg = json.loads(json.dumps(base))
-    cfg.update(name=a.out.name, comment="a camera is waved about before tags, to calibrate by", seed=a.seed)
+    cfg.update(name=a.out.name, comment="a camera is moved in front of tags, for calibration", seed=a.seed)
     places = [(-0.12, -0.06), (0.19, -0.05), (0.02, 0.22), (-0.2, 0.2), (0.22, 0.2), (0.04, -0.14)]
     tag = cfg["world"]["decals"][0]
     cfg["world"]["decals"] = [
@@ -116,7 +116,7 @@ SQUARE, PIXELS = 0.03, 40
 
 
 def board(a: argparse.Namespace) -> dict:
-    """OpenCV's picture of a board of 10 by 7 squares on a white sheet, and what it is called."""
+    """Writes OpenCV's picture of a board of 10 by 7 squares on a white sheet, and the board's description."""
     import cv2
     sheet = np.full((12 * PIXELS, 12 * PIXELS), 255, np.uint8)
     size = (10 * PIXELS, 7 * PIXELS)
@@ -133,12 +133,12 @@ def board(a: argparse.Namespace) -> dict:
     picture.parent.mkdir(parents=True, exist_ok=True)
     cv2.imwrite(str(picture), sheet)
     (a.out / "board.json").write_text(json.dumps({"board": text}))
-    # A pixel is a cell; the sheet is all of the tag.
+    # One pixel is one cell; the tag is the complete sheet.
     return {"image": str(picture), "margin": 0, "black_cells": 12 * PIXELS, "size_m": 12 * SQUARE, "position": [0.05, 0.1], "yaw_deg": 8.0}
 
 
 def metal_field(rng: np.random.Generator, largest: float):
-    """A smooth error of position (m) and direction (rad) by place, as conductors near the sensor make."""
+    """Returns a smooth error of position (m) and rotation (rad) by position, as caused by conductors near the sensor."""
     shape = rng.normal(0, 1, (3, 10)) * largest
     def field(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         u = 2.0 * x
@@ -197,7 +197,7 @@ def main() -> int:
 
 
 def hide(out: Path, lens: np.ndarray, rng: np.random.Generator, geometry) -> None:
-    """Truth to truth_rig.json; rig.json keeps what an owner knows before calibrating."""
+    """Moves the ground truth to truth_rig.json; rig.json keeps what an owner knows before calibrating."""
     rig = json.loads((out / "rig.json").read_text())
     coefficients = dict(zip(("k1", "k2", "p1", "p2", "k3"), (float(x) for x in lens)))
     truth = json.loads(json.dumps(rig))
@@ -215,7 +215,7 @@ def hide(out: Path, lens: np.ndarray, rng: np.random.Generator, geometry) -> Non
     bare = (*([] if geometry else ["environment_camera"]), "photometric_chart", *(["markers"] if (out / "board.json").exists() else []))
     for key in bare:
         rig.pop(key, None)
-    # The lens has been calibrated, to what a good calibration leaves.
+    # The lens has the remaining error of a good calibration.
     K = rig["scene_camera"]["K"]
     K[0][0], K[1][1] = K[0][0] * (1 + rng.normal(0, 2e-4)), K[1][1] * (1 + rng.normal(0, 2e-4))
     rig["scene_camera"]["lens_distortion"] = coefficients if "markers" in rig else "none"
@@ -229,7 +229,7 @@ def hide(out: Path, lens: np.ndarray, rng: np.random.Generator, geometry) -> Non
 
 
 def same_form(pose: object, nothing: dict) -> object:
-    """No pose at all, spelled as `pose` is."""
+    """Returns the identity pose `nothing` in the form of `pose`."""
     if isinstance(pose, dict):
         blank = {}
         for key, value in pose.items():

@@ -1,11 +1,11 @@
 #!/usr/bin/env python3
-"""Memory stays flat over a looped replay of many frames. Long: a tier of its own, `make soak`.
+"""Check that memory stays constant over a looped replay of many frames. Long, therefore separate: `make soak`.
 
     tests/judge/soak.py PENUMBRA SESSION.mcap [--frames 10000] [replay arguments...]
 
 Reads the resident memory from /proc and the number of composed pictures from /metrics. The
-first tenth of the frames warms caches up; over the rest, the straight line through the
-samples may rise by --allow-mb in all.
+first tenth of the frames fills caches; over the rest, the regression line through the samples
+may rise by --allow-mb in total.
 """
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def free_port() -> int:
 
 
 def composed(port: int) -> int | None:
-    """Pictures composed so far; None while the program is not up."""
+    """Returns the number of composed pictures; None while the program is not reachable."""
     try:
         with urllib.request.urlopen(f"http://127.0.0.1:{port}/metrics", timeout=5) as answer:
             found = COMPOSED.search(answer.read().decode())
@@ -49,7 +49,7 @@ def resident_mb(pid: int) -> float:
 
 
 def sample(process: subprocess.Popen, port: int, frames: int, every: float) -> list[tuple[int, float]]:
-    """(pictures composed, MB) until `frames` are done."""
+    """Samples (pictures composed, MB) until `frames` are composed."""
     samples: list[tuple[int, float]] = []
     moved = time.monotonic()
     while not samples or samples[-1][0] < frames:
@@ -67,7 +67,7 @@ def sample(process: subprocess.Popen, port: int, frames: int, every: float) -> l
 
 
 def growth_mb(samples: list[tuple[int, float]], frames: int) -> float:
-    """Rise of the straight line through the samples after the first tenth."""
+    """Returns the rise of the regression line through the samples after the first tenth."""
     warm = [(n, mb) for n, mb in samples if n >= frames / 10]
     if len(warm) < 5:
         sys.exit(f"soak: only {len(warm)} samples after warming up; take more frames or a shorter --every")
@@ -84,7 +84,7 @@ def main() -> int:
     parser.add_argument("--allow-mb", type=float, default=8.0)
     a, more = parser.parse_known_args()
     port = free_port()
-    # As fast as live pictures are made: the best pictures would take hours on a software driver.
+    # The settings of a live rig: the best quality would take hours on a software driver.
     config = tempfile.NamedTemporaryFile("w", suffix=".toml")
     config.write('[shadows]\nsoft = false\nresolution = "quarter"\n')
     config.flush()

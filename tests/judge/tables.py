@@ -1,16 +1,16 @@
-"""Where the generated tables of the documentation stand, and how one is replaced."""
+"""Replaces generated tables in the documentation."""
 from __future__ import annotations
 
 from pathlib import Path
 
 from python_env import ROOT
 
-#: Pages of results, one a table.
+#: Folder of the result pages, one per table.
 RESULTS = ROOT / "docs/src/results"
 
 
 def write_between(document: Path, mark: str, text: str) -> None:
-    """Replaces what stands between the comments `mark:begin` and `mark:end` of a document.
+    """Replaces the text between the comments `mark:begin` and `mark:end` of a document.
 
     Raises ValueError if the document lacks one of them, OSError if it cannot be read or written.
     """

@@ -2,8 +2,6 @@
 //! integration and with the paper's chain of box-filtered maps. `--nocapture` shows the table of
 //! errors.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
-
 mod integral;
 mod maps;
 

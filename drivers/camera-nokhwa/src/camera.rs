@@ -1,4 +1,4 @@
-//! Finding, opening and reading a camera.
+//! Finds, opens and reads a camera.
 
 use crate::slot::Slot;
 use crate::worker::{self, Started};
@@ -11,13 +11,13 @@ use std::sync::Arc;
 use std::sync::mpsc::{Receiver, sync_channel};
 use std::time::Duration;
 
-/// How long the system may take to open a camera; macOS asks its user first.
-const OPENING: Duration = Duration::from_secs(20);
+/// Time limit for opening a camera; macOS asks its user for permission first.
+const OPEN_TIMEOUT: Duration = Duration::from_secs(20);
 
-/// What nokhwa cannot do, for the report.
+/// Limitations of nokhwa, for the report.
 const LIMITS: [&str; 2] = [
-    "through nokhwa: frames are counted here, so that lost ones go unnoticed",
-    "through nokhwa: automatic modes cannot be switched off; do it in the system's settings",
+    "nokhwa: there is no frame counter, so lost frames are not noticed",
+    "nokhwa: automatic modes cannot be switched off; do it in the system's settings",
 ];
 
 /// A camera that streams through nokhwa.
@@ -37,7 +37,7 @@ struct NokhwaCamera {
 /// [`list_cameras`] gives them, or by its number; empty is the first one.
 ///
 /// # Errors
-/// No such camera, or what the system says in opening it.
+/// There is no such camera, or the system cannot open it.
 pub fn open(
     settings: &CameraSettings,
     clock: Arc<dyn Clock>,
@@ -45,17 +45,17 @@ pub fn open(
     if settings.bracket.is_some() {
         return Err(DeviceError::Refused {
             device: settings.device.clone(),
-            reason: "no bracketing through nokhwa; remove it from the settings".to_owned(),
+            reason: "nokhwa does not support bracketing; remove it from the settings".to_owned(),
         });
     }
     ask_permission(&settings.device)?;
     let (index, device) = find(&settings.device)?;
     let slot = Arc::new(Slot::default());
     let started = spawn(index, &device, settings, &slot, Arc::clone(&clock))?;
-    let started = started.recv_timeout(OPENING).map_err(|_| {
-        // Should it open later after all, its thread is to end at once.
+    let started = started.recv_timeout(OPEN_TIMEOUT).map_err(|_| {
+        // If the camera opens later, its thread must end at once.
         slot.close();
-        late(&device)
+        timed_out(&device)
     })??;
     Ok(Box::new(NokhwaCamera {
         device,
@@ -70,34 +70,34 @@ pub fn open(
     }))
 }
 
-/// On macOS the user is asked whether this program may use cameras; elsewhere nothing happens.
+/// On macOS, asks the user whether this program may use cameras; does nothing elsewhere.
 fn ask_permission(device: &str) -> Result<(), DeviceError> {
-    let (tell, told) = sync_channel(1);
+    let (sender, receiver) = sync_channel(1);
     nokhwa::nokhwa_initialize(move |granted| {
-        let _ = tell.try_send(granted);
+        let _ = sender.try_send(granted);
     });
-    match told.recv_timeout(OPENING) {
+    match receiver.recv_timeout(OPEN_TIMEOUT) {
         Ok(true) => Ok(()),
         Ok(false) => Err(DeviceError::Refused {
             device: device.to_owned(),
             reason: "no permission; allow it in the system's settings, under privacy, camera"
                 .to_owned(),
         }),
-        Err(_) => Err(late(device)),
+        Err(_) => Err(timed_out(device)),
     }
 }
 
-fn late(device: &str) -> DeviceError {
+fn timed_out(device: &str) -> DeviceError {
     DeviceError::Silent {
         device: device.to_owned(),
-        millis: u64::try_from(OPENING.as_millis()).unwrap_or(u64::MAX),
+        millis: u64::try_from(OPEN_TIMEOUT.as_millis()).unwrap_or(u64::MAX),
     }
 }
 
 type Opening = Receiver<Result<Started, DeviceError>>;
 
-/// Starts the thread in which nokhwa waits. It ends with the first frame after the camera
-/// was dropped; nokhwa offers no way to wake it.
+/// Starts the thread in which nokhwa waits. It ends with the first frame after the camera was
+/// dropped, because nokhwa offers no way to wake it.
 fn spawn(
     index: CameraIndex,
     device: &str,
@@ -105,16 +105,16 @@ fn spawn(
     slot: &Arc<Slot>,
     clock: Arc<dyn Clock>,
 ) -> Result<Opening, DeviceError> {
-    let (tell, told) = sync_channel(1);
+    let (sender, receiver) = sync_channel(1);
     let (slot, settings, name) = (Arc::clone(slot), settings.clone(), device.to_owned());
     let work = move || {
         let started = |outcome| {
-            // Nobody waits any longer: the slot is closed, too, then.
-            let _ = tell.send(outcome);
+            // An error means that opening has timed out; the slot is then closed, too.
+            let _ = sender.send(outcome);
         };
         worker::run(index, &name, &settings, &*clock, &slot, started);
     };
-    // nokhwa blocks without a limit and its camera cannot change threads.
+    // nokhwa blocks without a time limit, and its camera cannot change threads.
     #[allow(clippy::disallowed_methods)]
     let thread = std::thread::Builder::new()
         .name("nokhwa".to_owned())
@@ -123,11 +123,11 @@ fn spawn(
         device: device.to_owned(),
         reason: format!("starting its thread: {error}"),
     })?;
-    Ok(told)
+    Ok(receiver)
 }
 
-/// The cameras that the system names. Their formats and controls are not asked, because
-/// that would switch each of them on.
+/// Lists the cameras of the system. Their formats and controls are not queried, because that
+/// would switch each of them on.
 #[must_use]
 pub fn list_cameras() -> Vec<CameraInfo> {
     let found = nokhwa::query(ApiBackend::Auto).unwrap_or_default();
@@ -136,13 +136,14 @@ pub fn list_cameras() -> Vec<CameraInfo> {
         name: camera.human_name(),
         driver: "nokhwa".to_owned(),
         node: camera.index().to_string(),
-        trouble: Some("nokhwa tells formats and controls only of an open camera".to_owned()),
+        trouble: Some("nokhwa can query formats and controls of an open camera only".to_owned()),
         ..CameraInfo::default()
     });
     described.collect()
 }
 
-/// The unique identity on macOS and Windows; on Linux nokhwa has none but the name.
+/// The unique identity on macOS and Windows, and the name on Linux, where nokhwa has no other
+/// identity.
 fn identity(camera: &nokhwa::utils::CameraInfo) -> String {
     let unique = camera.misc();
     if unique.is_empty() || cfg!(target_os = "linux") {

@@ -1,10 +1,10 @@
-//! Controls, as far as nokhwa reaches them.
+//! The controls that nokhwa supports.
 
 use nokhwa::Camera;
 use nokhwa::utils::{ControlValueSetter, KnownCameraControl};
 use penumbra_interface::{ControlReport, ControlStanding};
 
-/// Names as in settings and what nokhwa calls them.
+/// Names of controls in settings, and in nokhwa.
 const KNOWN: [(&str, KnownCameraControl); 15] = [
     ("brightness", KnownCameraControl::Brightness),
     ("contrast", KnownCameraControl::Contrast),
@@ -26,7 +26,7 @@ const KNOWN: [(&str, KnownCameraControl); 15] = [
     ("focus_absolute", KnownCameraControl::Focus),
 ];
 
-/// Sets what is locked and reads it back.
+/// Sets the locked controls and reads them back.
 pub(crate) fn apply(camera: &mut Camera, locked: &[(String, i64)]) -> Vec<ControlReport> {
     let set = |(name, wanted): &(String, i64)| {
         let (in_force, standing) = set(camera, name, *wanted);
@@ -43,7 +43,7 @@ pub(crate) fn apply(camera: &mut Camera, locked: &[(String, i64)]) -> Vec<Contro
 fn set(camera: &mut Camera, name: &str, wanted: i64) -> (Option<i64>, ControlStanding) {
     let Some((_, control)) = KNOWN.iter().find(|(known, _)| *known == name) else {
         // nokhwa issue 209: automatic modes cannot be switched.
-        let reason = "nokhwa does not reach this control".to_owned();
+        let reason = "nokhwa does not support this control".to_owned();
         return (None, ControlStanding::Refused(reason));
     };
     if camera.camera_control(*control).is_err() {

@@ -1,11 +1,11 @@
-//! Formats and sizes, between nokhwa's types and Penumbra's.
+//! Converts formats and sizes between nokhwa's types and Penumbra's.
 
 use bytes::Bytes;
 use nokhwa::utils::{CameraFormat, FrameFormat, RequestedFormat, RequestedFormatType, Resolution};
 use penumbra_interface::{CameraSettings, PixelFormat, StreamMode};
 
-/// All that can be read, the better for measuring light first.
-const READ: [FrameFormat; 5] = [
+/// The formats that Penumbra reads, best for measuring light first.
+const READABLE: [FrameFormat; 5] = [
     FrameFormat::YUYV,
     FrameFormat::NV12,
     FrameFormat::RAWRGB,
@@ -24,13 +24,13 @@ pub(crate) const fn pixel_format(format: FrameFormat) -> Option<PixelFormat> {
     }
 }
 
-/// What to ask nokhwa for.
+/// The format to request from nokhwa.
 pub(crate) fn requested(settings: &CameraSettings) -> RequestedFormat<'static> {
     let wanted = |format: &&FrameFormat| {
         let format = pixel_format(**format);
         settings.formats.is_empty() || format.is_some_and(|f| settings.formats.contains(&f))
     };
-    let formats: Vec<FrameFormat> = READ.iter().filter(wanted).copied().collect();
+    let formats: Vec<FrameFormat> = READABLE.iter().filter(wanted).copied().collect();
     let first = formats.first().copied().unwrap_or(FrameFormat::MJPEG);
     let rate = settings
         .frames_per_second
@@ -44,17 +44,17 @@ pub(crate) fn requested(settings: &CameraSettings) -> RequestedFormat<'static> {
             RequestedFormatType::Closest(CameraFormat::new(size, first, rate))
         }
     };
-    // The type wants a list that lives on, and the lists are few.
+    // The type requires a static list.
     RequestedFormat::with_formats(kind, listed(&formats))
 }
 
-/// A list that lives on: one of the single formats, or all.
+/// Returns a static list: a single format, or all of them.
 fn listed(formats: &[FrameFormat]) -> &'static [FrameFormat] {
-    let single = READ.iter().position(|format| formats == [*format]);
-    single.map_or(&READ, |place| &READ[place..=place])
+    let single = READABLE.iter().position(|format| formats == [*format]);
+    single.map_or(&READABLE, |place| &READABLE[place..=place])
 }
 
-/// What is streamed.
+/// The mode of the stream; `None` if Penumbra cannot read its format.
 pub(crate) fn mode(format: CameraFormat) -> Option<StreamMode> {
     Some(StreamMode {
         width: format.width(),
@@ -64,7 +64,7 @@ pub(crate) fn mode(format: CameraFormat) -> Option<StreamMode> {
     })
 }
 
-/// The picture's bytes: nokhwa hands over the whole buffer, padding included.
+/// The bytes of the picture without padding: nokhwa returns the complete buffer.
 pub(crate) fn cut(data: &Bytes, mode: &StreamMode) -> Bytes {
     let pixels = mode.width as usize * mode.height as usize;
     let len = match mode.format {
@@ -93,7 +93,7 @@ mod tests {
     }
 
     #[test]
-    fn padding_is_cut() {
+    fn padding_is_removed() {
         let data = Bytes::from([vec![7; 20], vec![0; 30]].concat());
         for (format, len) in [
             (PixelFormat::Yuyv, 16),
@@ -109,8 +109,8 @@ mod tests {
     }
 
     #[test]
-    fn one_wanted_format_is_asked_for_alone() {
+    fn single_format_is_requested_alone() {
         assert_eq!(listed(&[FrameFormat::MJPEG]), &[FrameFormat::MJPEG]);
-        assert_eq!(listed(&READ), &READ);
+        assert_eq!(listed(&READABLE), &READABLE);
     }
 }

@@ -1,13 +1,13 @@
 //! Cameras on systems without V4L2, through the crate `nokhwa` (AVFoundation on macOS, Media
 //! Foundation on Windows, V4L2 on Linux for trying it out).
 //!
-//! It does less than the V4L2 driver, and [`CameraReport::notes`](
-//! penumbra_interface::CameraReport) says so: no frame counter (lost frames go unnoticed),
-//! stamps of the wall clock or none, automatic modes cannot be switched, nobody sees another
-//! program's changes, no bracketing.
+//! It does less than the V4L2 driver, and reports this in [`CameraReport::notes`](
+//! penumbra_interface::CameraReport): no frame counter (lost frames are not noticed), time stamps
+//! of the wall clock or none, no switching of automatic modes, no detection of changes by other
+//! programs, no bracketing.
 //!
-//! `nokhwa` waits for frames without a limit and its camera stays in one thread, so it gets
-//! a thread of its own that leaves the newest frame where `next_frame` finds it.
+//! `nokhwa` waits for frames without a time limit, and its camera cannot change threads. So it
+//! runs on its own thread, which stores the newest frame for `next_frame`.
 #![cfg(feature = "nokhwa")]
 
 mod camera;

@@ -1,14 +1,14 @@
-//! Where the newest frame waits between two threads.
+//! Passes the newest frame from one thread to another.
 
 use penumbra_interface::{DeviceError, Frame};
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-/// A place for one frame: a newer one takes the place of an older.
+/// Holds one frame; a newer one replaces it.
 #[derive(Default)]
 pub(crate) struct Slot {
     held: Mutex<Held>,
-    came: Condvar,
+    changed: Condvar,
 }
 
 #[derive(Default)]
@@ -16,31 +16,33 @@ struct Held {
     frame: Option<Frame>,
     superseded: u64,
     error: Option<DeviceError>,
-    /// The reader has gone: the writer is to end.
+    /// The reader is gone; the writer must end.
     closed: bool,
 }
 
 impl Slot {
-    /// Leaves a frame; whether anybody still reads.
+    /// Stores a frame; returns whether there still is a reader.
     pub fn put(&self, frame: Frame) -> bool {
         let mut held = self.lock();
         if held.frame.replace(frame).is_some() {
             held.superseded += 1;
         }
-        self.came.notify_one();
+        self.changed.notify_one();
         !held.closed
     }
 
-    /// Leaves the error that ends the camera.
+    /// Stores the error that ends the stream.
     pub fn fail(&self, error: DeviceError) {
         self.lock().error = Some(error);
-        self.came.notify_one();
+        self.changed.notify_one();
     }
 
-    /// Waits for a frame. The error that ended the camera comes after its last frame.
+    /// Waits for a frame. The error that ended the stream is returned after the last frame.
     pub fn take(&self, timeout: Duration) -> Result<Option<Frame>, DeviceError> {
         let waiting = |held: &mut Held| held.frame.is_none() && held.error.is_none();
-        let waited = self.came.wait_timeout_while(self.lock(), timeout, waiting);
+        let waited = self
+            .changed
+            .wait_timeout_while(self.lock(), timeout, waiting);
         let (mut held, _) = waited.unwrap_or_else(PoisonError::into_inner);
         match (held.frame.take(), &held.error) {
             (Some(frame), _) => Ok(Some(frame)),
@@ -49,12 +51,12 @@ impl Slot {
         }
     }
 
-    /// Frames that gave way to newer ones.
+    /// Number of frames that were replaced by newer ones before they were read.
     pub fn superseded(&self) -> u64 {
         self.lock().superseded
     }
 
-    /// Tells the writer to end.
+    /// Requests the writer to end.
     pub fn close(&self) {
         self.lock().closed = true;
     }
@@ -66,7 +68,6 @@ impl Slot {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
     use bytes::Bytes;
     use penumbra_interface::{MonotonicTime, PixelFormat};
@@ -88,7 +89,7 @@ mod tests {
     }
 
     #[test]
-    fn the_newest_frame_wins_and_the_error_comes_last() {
+    fn newest_frame_is_returned_and_the_error_last() {
         let slot = Slot::default();
         assert!(slot.take(Duration::ZERO).unwrap().is_none());
         assert!(slot.put(frame(1)));

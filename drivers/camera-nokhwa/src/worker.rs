@@ -1,4 +1,4 @@
-//! The thread in which nokhwa's camera lives.
+//! The thread of nokhwa's camera.
 
 use crate::controls;
 use crate::format;
@@ -11,17 +11,17 @@ use penumbra_interface::{
 use std::sync::Arc;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
-/// No picture is older than this when it arrives: the wall clock has jumped then.
-const OLDEST: Duration = Duration::from_secs(5);
+/// Maximum age of an arriving picture; if its time stamp is older, the wall clock has jumped.
+const MAX_AGE: Duration = Duration::from_secs(5);
 
-/// What is known once the stream runs.
+/// Mode and controls of the started stream.
 pub(crate) struct Started {
     pub mode: StreamMode,
     pub controls: Arc<[ControlReport]>,
 }
 
-/// Opens the camera and streams until the slot is closed or the camera ends; `started` is
-/// told how the opening went.
+/// Opens the camera and streams until the slot is closed or the camera fails; the result of
+/// opening is passed to `started`.
 pub(crate) fn run(
     index: CameraIndex,
     device: &str,
@@ -52,7 +52,7 @@ pub(crate) fn run(
             break;
         }
     }
-    // The camera may be gone, and dropping it closes it anyway.
+    // The camera may be disconnected, and dropping it closes it anyway.
     let _ = camera.stop_stream();
 }
 
@@ -68,7 +68,7 @@ fn start(
     let mode = format::mode(streamed).ok_or_else(|| DeviceError::Refused {
         device: device.to_owned(),
         reason: format!(
-            "it streams {}, which Penumbra does not read",
+            "it streams {}, which Penumbra cannot read",
             streamed.format()
         ),
     })?;
@@ -93,16 +93,17 @@ fn frame(buffer: &Buffer, mode: &StreamMode, sequence: u64, arrived_at: Monotoni
     }
 }
 
-/// How long ago a picture was stamped, by the wall clock, which is what nokhwa stamps with.
+/// The age of a picture by its time stamp, which is of the wall clock.
 fn age(buffer: &Buffer) -> Option<Duration> {
     let stamp = buffer.capture_timestamp()?;
-    // The stamp is wall time, so its age can only be told by the wall clock.
+    // The time stamp is of the wall clock, so its age is measured by that clock.
     #[allow(clippy::disallowed_methods)]
     let now = SystemTime::now().duration_since(UNIX_EPOCH).ok()?;
-    now.checked_sub(stamp).filter(|age| *age <= OLDEST)
+    now.checked_sub(stamp).filter(|age| *age <= MAX_AGE)
 }
 
-/// nokhwa tells errors apart by their text alone; all may pass once the camera is back.
+/// Converts an error of nokhwa. Its errors differ only in their texts, so all are treated as
+/// recoverable by opening the camera again.
 fn broken(device: &str, error: &NokhwaError) -> DeviceError {
     DeviceError::Broken {
         device: device.to_owned(),

@@ -24,7 +24,7 @@ use std::time::Duration;
 ///
 /// # Errors
 /// The camera is missing, in use or disconnected, may not be used, is not a camera, or does
-/// not offer the mode. The message says what to do.
+/// not offer the mode. The message includes a remedy.
 pub fn open(
     settings: &CameraSettings,
     clock: Arc<dyn Clock>,
@@ -171,7 +171,7 @@ impl<D: VideoDevice> V4l2Camera<D> {
         let implausible = self.stream.timestamps.implausible;
         if implausible > 0 {
             notes.push(format!(
-                "{implausible} time stamps cannot be true; the time of arrival is used instead"
+                "{implausible} time stamps are implausible; the time of arrival is used instead"
             ));
         }
         notes.into()
@@ -250,7 +250,7 @@ fn set_mode(
     Ok(got)
 }
 
-/// Whether the user has told `uvcvideo` to take time stamps from the cameras' own clocks.
+/// Whether `uvcvideo` is configured to take time stamps from the cameras' own clocks.
 fn uvc_uses_camera_clock() -> bool {
     let parameter = std::fs::read_to_string("/sys/module/uvcvideo/parameters/hwtimestamps");
     parameter.is_ok_and(|value| value.trim() != "0")

@@ -6,10 +6,10 @@ use rustix::io::{Errno, Result};
 use std::time::Duration;
 use v4l::{buffer, control};
 
-/// What ended a wait. All false: the time is up.
+/// The events that ended a wait. All false: it timed out.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Readiness {
-    /// A buffer can be dequeued, or dequeuing tells what is wrong.
+    /// A buffer can be dequeued, or dequeuing returns the error.
     pub frame: bool,
     /// A control event can be read.
     pub event: bool,
@@ -46,7 +46,7 @@ pub(crate) struct FilledBuffer {
     pub flags: buffer::Flags,
     /// The driver's frame counter, which starts at 0 with the stream.
     pub sequence: u32,
-    /// The driver's time stamp. `flags` say on which clock and of which instant.
+    /// The driver's time stamp. `flags` define its clock and its instant.
     pub timestamp: MonotonicTime,
 }
 
@@ -68,7 +68,7 @@ pub(crate) enum ControlKind {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct ControlDescription {
     pub id: u32,
-    /// As the driver spells it: `Exposure Time, Absolute`.
+    /// The driver's name: `Exposure Time, Absolute`.
     pub title: String,
     pub kind: ControlKind,
     pub min: i64,
@@ -96,7 +96,7 @@ pub(crate) struct CaptureFormat {
     pub frames_per_second: Option<f64>,
 }
 
-/// What the driver says about the device.
+/// Capabilities of the device, as reported by the driver.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Capabilities {
     pub driver: String,

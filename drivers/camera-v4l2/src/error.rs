@@ -83,7 +83,6 @@ fn group(path: &Path, groups: &Path) -> String {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
     use penumbra_interface::Recovery;
 
@@ -101,7 +100,7 @@ mod tests {
     }
 
     #[test]
-    fn only_a_device_that_is_no_camera_is_given_up() {
+    fn only_a_device_that_is_no_camera_is_not_retried() {
         for errno in [Errno::NOENT, Errno::BUSY, Errno::IO, Errno::NOMEM] {
             let error = open_failed(Path::new("/dev/video9"), errno);
             assert!(error.to_string().starts_with("/dev/video9: "), "{error}");
@@ -112,7 +111,7 @@ mod tests {
     }
 
     #[test]
-    fn a_disconnected_device_is_told_from_a_broken_stream() {
+    fn distinguishes_disconnected_device_from_broken_stream() {
         let gone = stream_failed("cam", "reading", Errno::NODEV);
         assert!(matches!(gone, DeviceError::Unplugged { .. }));
         let broken = stream_failed("cam", "reading", Errno::IO);

@@ -22,7 +22,7 @@ impl Default for SystemRoots {
     }
 }
 
-/// A video device file and what sysfs and udev say about it.
+/// A video device file and its properties in sysfs and udev.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub(crate) struct DeviceNode {
     pub path: PathBuf,
@@ -189,7 +189,7 @@ pub(crate) fn resolve(
             .filter(|node| on_bus(node) && captures(node))
             .collect()
     } else {
-        // Links name one node each, whatever its index.
+        // A link names one node, with any index.
         nodes
             .iter()
             .find(|node| is_link_to(node, device))

@@ -17,7 +17,7 @@ const SOS: u8 = 0xDA;
 /// Huffman tables.
 const DHT: u8 = 0xC4;
 
-/// What the markers of a JPEG frame say.
+/// Properties of a JPEG frame according to its markers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Jpeg {
     /// Bytes up to the end marker, inclusive; without a marker, up to the last byte that is

@@ -15,7 +15,7 @@ const MAX_SIZES_LISTED: usize = 8;
 /// at the wanted size, or the fastest one if none does.
 ///
 /// # Errors
-/// A message that says what the camera offers instead.
+/// The camera does not offer the size or a format; the message lists what it offers.
 pub(crate) fn choose(
     formats: &[CameraFormat],
     settings: &CameraSettings,

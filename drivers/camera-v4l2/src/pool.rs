@@ -1,4 +1,4 @@
-//! Memory for frames, reused once nobody holds the frame any more.
+//! Memory for frames, reused when all clones of a frame are dropped.
 
 use bytes::Bytes;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};

@@ -282,7 +282,7 @@ impl<D: VideoDevice> Stream<D> {
 
 impl<D: VideoDevice> Drop for Stream<D> {
     fn drop(&mut self) {
-        // The device may be gone, and closing it stops the stream anyway.
+        // The device may be disconnected, and closing it stops the stream anyway.
         let _ = self.device.stop_stream();
     }
 }

@@ -1,5 +1,4 @@
 //! A video device without a kernel, which fails on demand, on a clock that tests advance.
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 use crate::device::{
     Capabilities, CaptureFormat, ControlDescription, ControlEvent, ControlKind, Controls,

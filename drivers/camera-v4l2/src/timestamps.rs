@@ -4,10 +4,9 @@ use crate::device::FilledBuffer;
 use penumbra_interface::{MonotonicTime, StampSource};
 use v4l::buffer::Flags;
 
-/// No frame is older than this when it arrives. If its time stamp says so, it is of another
-/// clock.
+/// Maximum age of an arriving frame. An older time stamp is of another clock.
 const MAX_AGE_NANOS: i64 = 5_000_000_000;
-/// A time stamp may lie so far in the future, because another processor core took it.
+/// Maximum time by which a stamp may be in the future, because another processor core took it.
 const MAX_FUTURE_NANOS: i64 = 1_000_000;
 
 /// Interprets the time stamps of one stream.
@@ -19,13 +18,13 @@ pub(crate) struct Timestamps {
     pub start_is_first_bytes: bool,
     /// What the latest time stamp means.
     pub source: StampSource,
-    /// Time stamps that cannot be true: not after the one before, in the future, too old.
+    /// Number of implausible time stamps: not later than the previous one, in the future, too old.
     pub implausible: u64,
 }
 
 impl Timestamps {
     /// The time stamp of a frame and its meaning. Where the driver's is not on the monotonic
-    /// clock or cannot be true, it is the frame's arrival.
+    /// clock or is implausible, it is the frame's arrival.
     pub(crate) fn interpret(
         &mut self,
         frame: &FilledBuffer,
@@ -107,7 +106,7 @@ mod tests {
     }
 
     #[test]
-    fn flags_say_what_a_time_stamp_means() {
+    fn flags_define_the_meaning_of_a_time_stamp() {
         let mut timestamps = Timestamps::default();
         let start_of_exposure = Flags::TIMESTAMP_MONOTONIC | Flags::TSTAMP_SRC_SOE;
         assert_eq!(start_of_exposure.bits(), 0x1_2000); // videodev2.h
@@ -127,7 +126,7 @@ mod tests {
     }
 
     #[test]
-    fn a_time_stamp_that_cannot_be_true_is_replaced_by_the_arrival() {
+    fn implausible_time_stamp_is_replaced_by_the_arrival() {
         let mut timestamps = Timestamps::default();
         let mut read = |stamp, arrived| {
             let frame = frame(Flags::TIMESTAMP_MONOTONIC, stamp);

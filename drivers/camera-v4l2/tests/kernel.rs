@@ -1,10 +1,10 @@
 //! Tests of the driver with the kernel's video devices.
 //!
 //! `PENUMBRA_TEST_CAMERA` names the camera, in any way that the settings allow; without it all
-//! tests are skipped and say so. Tests that need a certain driver or control are skipped with
+//! tests print SKIPPED. Tests that need a certain driver or control are skipped with
 //! other cameras. `vivid` is the kernel's simulated camera, which can produce faults.
 #![cfg(target_os = "linux")]
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+#![expect(clippy::unwrap_used, clippy::panic)]
 
 use penumbra_camera_v4l2::{BracketSettings, CameraInfo, CameraSettings, OnChange};
 use penumbra_camera_v4l2::{list_cameras, open};
@@ -107,7 +107,7 @@ fn failure(camera: &mut dyn Camera) -> DeviceError {
     panic!("no failure in {TIME_LIMIT:?}");
 }
 
-/// Sets a control as another program would, through a file descriptor of its own.
+/// Sets a control as another program would, through a separate file descriptor.
 fn set_externally(info: &CameraInfo, id: u32, value: i64) {
     let value = Value::Integer(value);
     let device = v4l::Device::with_path(&info.node).unwrap();
@@ -115,8 +115,8 @@ fn set_externally(info: &CameraInfo, id: u32, value: i64) {
 }
 
 #[test]
-fn a_camera_is_described() {
-    let Some((info, _lock)) = camera("a_camera_is_described", "") else {
+fn describes_a_camera() {
+    let Some((info, _lock)) = camera("describes_a_camera", "") else {
         return;
     };
     assert!(!info.identity.is_empty() && !info.driver.is_empty());
@@ -138,8 +138,9 @@ fn a_camera_is_described() {
 }
 
 #[test]
-fn sixty_frames_come_in_order_with_true_stamps() {
-    let Some((info, _lock)) = camera("sixty_frames_come_in_order_with_true_stamps", "") else {
+fn frames_arrive_in_order_with_plausible_time_stamps() {
+    let Some((info, _lock)) = camera("frames_arrive_in_order_with_plausible_time_stamps", "")
+    else {
         return;
     };
     let mut camera = start(&settings(&info));
@@ -227,8 +228,8 @@ fn controls_are_held_adjusted_or_missing_and_restored() {
 }
 
 #[test]
-fn a_camera_in_use_a_missing_one_and_no_camera_are_told_apart() {
-    let name = "a_camera_in_use_a_missing_one_and_no_camera_are_told_apart";
+fn distinguishes_camera_in_use_missing_camera_and_other_device() {
+    let name = "distinguishes_camera_in_use_missing_camera_and_other_device";
     let Some((info, _lock)) = camera(name, "") else {
         return;
     };
@@ -262,8 +263,8 @@ fn a_camera_in_use_a_missing_one_and_no_camera_are_told_apart() {
 }
 
 #[test]
-fn a_flagged_picture_is_skipped() {
-    let Some((info, _lock)) = camera("a_flagged_picture_is_skipped", "vivid") else {
+fn skips_frames_with_the_error_flag() {
+    let Some((info, _lock)) = camera("skips_frames_with_the_error_flag", "vivid") else {
         return;
     };
     let mut camera = start(&settings(&info));
@@ -277,9 +278,8 @@ fn a_flagged_picture_is_skipped() {
 }
 
 #[test]
-fn a_camera_that_falls_silent_is_named_and_goes_on() {
-    let Some((info, _lock)) = camera("a_camera_that_falls_silent_is_named_and_goes_on", "vivid")
-    else {
+fn silent_camera_is_reported_and_continues() {
+    let Some((info, _lock)) = camera("silent_camera_is_reported_and_continues", "vivid") else {
         return;
     };
     let mut camera = start(&settings(&info));
@@ -297,8 +297,8 @@ fn a_camera_that_falls_silent_is_named_and_goes_on() {
 }
 
 #[test]
-fn a_camera_that_is_unplugged_is_opened_again() {
-    let Some((info, _lock)) = camera("a_camera_that_is_unplugged_is_opened_again", "vivid") else {
+fn unplugged_camera_is_reopened() {
+    let Some((info, _lock)) = camera("unplugged_camera_is_reopened", "vivid") else {
         return;
     };
     let settings = settings(&info);

@@ -1,5 +1,5 @@
-//! Injects faults into any camera or tracker, for tests of what a rig does when, for example, a
-//! cable is pulled.
+//! Injects faults into any camera or tracker, for tests of a rig's reaction, e.g. to a pulled
+//! cable.
 //!
 //! A [`Plan`] lists the faults, each after a number of good deliveries. After the last one the
 //! device works like the one inside.
@@ -43,7 +43,7 @@ pub struct Plan {
     faults: VecDeque<(u64, Fault)>,
     /// Good deliveries since the previous fault.
     good: u64,
-    /// Reads for which a silence goes on.
+    /// Remaining reads of a silence.
     silent: u32,
 }
 

@@ -12,10 +12,10 @@ pub trait Camera: Send {
     /// newest is returned and the others are counted as superseded.
     ///
     /// # Errors
-    /// [`DeviceError::recovery`] says whether to go on reading, to reopen or to give up.
+    /// The device fails; [`DeviceError::recovery`] tells whether to read on, reopen or stop.
     fn next_frame(&mut self, timeout: Duration) -> Result<Option<Frame>, DeviceError>;
 
-    /// What is known of the camera, and what it has done so far.
+    /// Reports the state and the counters of the camera.
     fn report(&self) -> CameraReport;
 }
 
@@ -31,10 +31,10 @@ pub struct CameraReport {
     pub stamps: StampSource,
     /// The state of every configured control. Shared between reports until a control changes.
     pub controls: Arc<[ControlReport]>,
-    /// What has happened so far.
+    /// Counters since the camera was opened.
     pub counters: CameraCounters,
-    /// What its user should know, one line each: a mode that differs from the configured one, a
-    /// defect of the camera that is worked around.
+    /// Notes for the user, one line each: a mode that differs from the configured one, a defect of
+    /// the camera that is worked around.
     pub notes: Arc<[String]>,
 }
 
@@ -70,7 +70,7 @@ pub enum StampSource {
     Recorded,
 }
 
-/// What a camera has done since it was opened.
+/// Counters of a camera since it was opened.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct CameraCounters {
     /// Frames delivered.
@@ -113,13 +113,13 @@ pub enum ControlStanding {
     Adjusted,
     /// The device refused the value, for this reason.
     Refused(String),
-    /// Another program changed it, and the configuration says to report that only.
+    /// Another program changed it, and the configuration requests only a report.
     Changed,
 }
 
 /// The middle of an exposure, from a stamp and the exposure time in microseconds.
 ///
-/// For rolling and global shutters alike: a stamp of the start is half an exposure before the
+/// Applies to rolling and global shutters: a stamp of the start is half an exposure before the
 /// middle. A stamp of the end or of the first bytes is half an exposure after it, plus the
 /// read-out or a part of it, which is constant and belongs to the camera's calibrated latency.
 #[must_use]

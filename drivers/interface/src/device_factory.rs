@@ -35,7 +35,7 @@ impl<D: ?Sized> DeviceFactory<D> {
     /// Opens the device.
     ///
     /// # Errors
-    /// What the device reports.
+    /// The device cannot be opened.
     pub fn open(&self, clock: &Arc<dyn Clock>) -> Result<Box<D>, DeviceError> {
         (self.open)(clock)
     }

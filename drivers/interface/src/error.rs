@@ -2,7 +2,7 @@
 
 use thiserror::Error;
 
-/// What the supervisor is to do after a [`DeviceError`].
+/// How the supervisor recovers from a [`DeviceError`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Recovery {
     /// Go on reading: one record or frame was lost.
@@ -13,17 +13,17 @@ pub enum Recovery {
     Fatal,
 }
 
-/// An error of a device. Each message says where, what and what to do.
+/// An error of a device. Each message names the device, the error and a remedy.
 #[derive(Clone, Debug, Error)]
 pub enum DeviceError {
     /// The device does not exist.
-    #[error("{device}: not there; plug it in or name another one")]
+    #[error("{device}: not connected; plug it in or configure another one")]
     NotFound {
         /// Path or name.
         device: String,
     },
     /// The device disappeared while in use.
-    #[error("{device}: gone; plug it in again")]
+    #[error("{device}: disconnected; plug it in again")]
     Unplugged {
         /// Path or name.
         device: String,
@@ -70,13 +70,13 @@ pub enum DeviceError {
         /// Group that the device file belongs to.
         group: String,
     },
-    /// The device exists but cannot be used now: another program uses it, or it sends something
-    /// else than expected.
+    /// The device exists but cannot be used now: another program uses it, or it sends unexpected
+    /// data.
     #[error("{device}: {reason}")]
     Unready {
         /// Path or name.
         device: String,
-        /// What was seen and what to do.
+        /// Observed reason and remedy.
         reason: String,
     },
     /// The operating system refused.
@@ -84,13 +84,13 @@ pub enum DeviceError {
     Refused {
         /// Path or name.
         device: String,
-        /// Its reason, and what to do.
+        /// Reason and remedy.
         reason: String,
     },
 }
 
 impl DeviceError {
-    /// What the supervisor is to do.
+    /// How the supervisor recovers from this error.
     #[must_use]
     pub fn recovery(&self) -> Recovery {
         match self {

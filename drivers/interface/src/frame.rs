@@ -61,7 +61,7 @@ pub struct Exposure {
     pub gain: f64,
 }
 
-/// The controls in force while a frame was exposed, by name; see [`Frame::controls`].
+/// The control values during the exposure of a frame, by name; see [`Frame::controls`].
 pub type ControlsInForce = Arc<[(Arc<str>, i64)]>;
 
 /// One frame, not decoded. Cheap to clone: the bytes are shared.
@@ -88,7 +88,7 @@ pub struct Frame {
     /// For bracketed exposures, stops relative to the base exposure: 0 is the base, −4 is
     /// sixteen times darker.
     pub bracket_ev: f64,
-    /// The controls in force while it was exposed, in the device's units; `None` if the device
+    /// The control values during its exposure, in the device's units; `None` if the device
     /// does not report them. Shared between frames until one changes.
     pub controls: Option<ControlsInForce>,
 }

@@ -5,8 +5,7 @@ use serde::Serialize;
 /// The properties of one camera.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct CameraInfo {
-    /// What to configure as `device`: a name that stays the same after replugging, if there is
-    /// one.
+    /// Name for the setting `device`; stays the same after replugging, if possible.
     pub identity: String,
     /// The name that the camera reports.
     pub name: String,
@@ -99,7 +98,7 @@ pub struct CameraControl {
     pub current: Option<i64>,
     /// Values of a menu with their names.
     pub menu: Vec<(i64, String)>,
-    /// What prevents setting it: `inactive` (an automatic mode controls it), `read-only`,
+    /// Reasons that prevent setting it: `inactive` (an automatic mode controls it), `read-only`,
     /// `grabbed` …
     pub flags: Vec<String>,
 }

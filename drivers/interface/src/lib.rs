@@ -2,7 +2,7 @@
 //!
 //! A driver delivers [`Frame`]s or [`TrackerBytes`], from which [`PoseSample`]s are decoded, with
 //! times of one clock ([`MonotonicTime`]). It reports errors as [`DeviceError`], whose
-//! [`recovery`](DeviceError::recovery) tells the supervisor what to do. [`threads`] is the one
+//! [`recovery`](DeviceError::recovery) defines the supervisor's reaction. [`threads`] is the one
 //! place that starts threads. Nothing here does I/O or depends on the GPU.
 
 mod camera;

@@ -1,9 +1,9 @@
-//! Starts threads: each has a name, and whoever starts it joins it.
+//! Starts threads: each has a name, and the owner of its handle joins it.
 
 use std::io;
 use std::thread::{Builder, JoinHandle};
 
-/// Starts a named thread of low priority, for work that nobody waits for.
+/// Starts a named thread of low priority, for background work.
 ///
 /// # Errors
 /// The system has no more threads.
@@ -18,7 +18,7 @@ pub fn spawn_background<T: Send + 'static>(
 }
 
 /// Lowers the priority of the calling thread alone. Linux accepts a thread's number in place of
-/// a process's here; other systems would lower the whole process, so nothing is done there. If
+/// a process's here; other systems would lower the complete process, so nothing is done there. If
 /// the system refuses, the work runs at normal priority.
 fn lower_priority() {
     #[cfg(target_os = "linux")]
@@ -30,8 +30,8 @@ fn lower_priority() {
     }
 }
 
-/// Added to the thread's niceness. At 10 it still gets a tenth of a busy core; at 19 it got a
-/// seventieth, and the light lagged two seconds behind on a busy machine.
+/// Added to the thread's niceness. At 10 the thread still gets a tenth of a busy core; at 19 it
+/// would get a seventieth, so that the light estimate would lag on a busy machine.
 #[cfg(target_os = "linux")]
 const NICENESS: i32 = 10;
 

@@ -66,8 +66,8 @@ pub trait Clock: Send + Sync {
     fn now(&self) -> MonotonicTime;
 }
 
-/// A clock that stands still until it is advanced, for tests and simulations. Clones show the same
-/// time.
+/// A clock that only changes when it is set or advanced, for tests and simulations. Clones show the
+/// same time.
 #[derive(Clone, Debug, Default)]
 pub struct ManualClock(Arc<AtomicI64>);
 

@@ -13,10 +13,10 @@ pub trait Tracker: Send {
     /// Waits up to `timeout` for bytes; `None` if none came.
     ///
     /// # Errors
-    /// [`DeviceError::recovery`] says whether to go on reading, to reopen or to give up.
+    /// The device fails; [`DeviceError::recovery`] tells whether to read on, reopen or stop.
     fn next_bytes(&mut self, timeout: Duration) -> Result<Option<TrackerBytes>, DeviceError>;
 
-    /// What is known of the tracker.
+    /// Reports the state of the tracker.
     fn report(&self) -> TrackerReport;
 }
 
@@ -39,8 +39,8 @@ pub struct TrackerReport {
     /// decoder can be made.
     pub protocol: String,
     /// The device's description of itself, one line, if it sent one.
-    pub said: Option<String>,
-    /// What its user should know, one line: an error letter, a mode that it did not confirm.
+    pub description: Option<String>,
+    /// A note for the user, one line: an error letter, a mode that the device did not confirm.
     pub warning: Option<String>,
     /// Bytes received.
     pub bytes: u64,

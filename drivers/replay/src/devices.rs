@@ -1,4 +1,4 @@
-//! The devices.
+//! The camera and the tracker that play recordings.
 
 use crate::playback::{Playback, Restart};
 use crate::timeline::Timeline;

@@ -13,7 +13,7 @@ pub(crate) type Restart<T> = Box<dyn FnMut() -> Items<T> + Send>;
 
 /// One item of a recording.
 pub trait Recorded: Send {
-    /// When it arrived during the recording.
+    /// Time of arrival in the recording.
     fn arrived_at(&self) -> MonotonicTime;
     /// Adds `nanos` to all its times.
     fn shift(&mut self, nanos: i64);
@@ -40,7 +40,7 @@ impl Recorded for TrackerBytes {
     }
 }
 
-/// An item that is later than this is skipped, nanoseconds: the program was suspended.
+/// Items that are later than this are skipped, nanoseconds: the program was suspended.
 pub(crate) const LATE_NANOS: i64 = 100_000_000;
 
 /// Plays the items of one device, again and again.
@@ -68,7 +68,7 @@ impl<T: Recorded> Playback<T> {
         playback
     }
 
-    /// Skips what was due before now.
+    /// Skips items that were due before now.
     fn skip_past(&mut self) {
         let now = self.timeline.now();
         while self.due().is_some_and(|due| due < now) {

@@ -38,7 +38,7 @@ impl Timeline {
         }
     }
 
-    /// What to add to recorded times in pass `pass` (from 0), nanoseconds.
+    /// Offset of recorded times in pass `pass` (from 0), nanoseconds.
     pub(crate) fn shift_nanos(&self, pass: i64) -> i64 {
         let began = *self.began.get_or_init(|| self.clock.now());
         began
@@ -56,18 +56,18 @@ impl Timeline {
         self.clock.now()
     }
 
-    /// Waits until `due`, but not longer than `longest`; whether `due` has come.
-    pub(crate) fn wait_until(&self, due: MonotonicTime, longest: Duration) -> bool {
+    /// Waits until `due`, at most for `timeout`; returns whether `due` is reached.
+    pub(crate) fn wait_until(&self, due: MonotonicTime, timeout: Duration) -> bool {
         let left =
             u64::try_from(due.nanos_since(self.now())).map_or(Duration::ZERO, Duration::from_nanos);
         if !left.is_zero() {
-            (self.sleep)(left.min(longest));
+            (self.sleep)(left.min(timeout));
         }
         self.now() >= due
     }
 
-    /// Waits for `longest`.
-    pub(crate) fn wait(&self, longest: Duration) {
-        (self.sleep)(longest);
+    /// Waits for `timeout`.
+    pub(crate) fn wait(&self, timeout: Duration) {
+        (self.sleep)(timeout);
     }
 }

@@ -1,4 +1,4 @@
-//! A home-made tracker: it sends lines of text and takes no commands.
+//! A home-made tracker: it sends lines of text and accepts no commands.
 
 use penumbra_interface::RigidTransform;
 

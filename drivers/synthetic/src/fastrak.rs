@@ -20,7 +20,7 @@ pub(crate) struct Fastrak {
     stations: [Station; 4],
     /// The beginning of a command line.
     line: Vec<u8>,
-    /// Seconds of a re-initialisation that has been asked for.
+    /// Duration of a requested re-initialisation, seconds.
     reset: Option<f64>,
 }
 
@@ -58,7 +58,7 @@ impl Default for Fastrak {
 }
 
 impl Fastrak {
-    /// Sets the mode that a protocol name stands for.
+    /// Sets the mode of a protocol name.
     pub(crate) fn configure_for(&mut self, protocol: &str) {
         self.binary = protocol.contains("binary");
         let extended = if protocol.contains("extended") { 50 } else { 0 };
@@ -81,7 +81,7 @@ impl Fastrak {
         self.reset.take()
     }
 
-    /// Takes commands and appends the answers. `pose` is the present pose of the body.
+    /// Executes commands and appends the answers. `pose` is the present pose of the body.
     pub(crate) fn receive(&mut self, bytes: &[u8], pose: RigidTransform, out: &mut Vec<u8>) {
         for &byte in bytes {
             if self.line.is_empty() {
@@ -95,7 +95,7 @@ impl Fastrak {
         }
     }
 
-    /// Takes the first byte of a command. Most single letters take no carriage return.
+    /// Handles the first byte of a command. Most single letters need no carriage return.
     fn first_byte(&mut self, byte: u8, pose: RigidTransform, out: &mut Vec<u8>) {
         match byte {
             b'C' => self.continuous = true,

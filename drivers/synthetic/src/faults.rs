@@ -13,7 +13,7 @@ pub struct Faults {
     pub flip: f64,
     /// Rate of inserted bytes.
     pub insert: f64,
-    /// Seconds after which nothing is sent any more.
+    /// Seconds after which the device is silent.
     pub silent_after: Option<f64>,
     /// Seconds after which the device hangs up.
     pub hang_up_after: Option<f64>,
@@ -24,11 +24,11 @@ pub struct Faults {
 /// The name of a fault is unknown, or its number is not one.
 #[derive(Clone, Debug, Error, PartialEq, Eq)]
 #[error(
-    "{text:?} is not a fault; there are split, drop=RATE, flip=RATE, insert=RATE, \
+    "{text:?} is not a fault; the faults are split, drop=RATE, flip=RATE, insert=RATE, \
      silent-after=SECONDS, hang-up-after=SECONDS, separated by commas"
 )]
 pub struct FaultsError {
-    /// What was written.
+    /// The text.
     pub text: String,
 }
 
@@ -110,11 +110,10 @@ impl Faults {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
 
     #[test]
-    fn faults_are_parsed_and_wrong_ones_named() {
+    fn faults_are_parsed_and_unknown_ones_refused() {
         let faults = Faults::parse("split, drop=0.01,silent-after=5").unwrap();
         assert!(faults.split && faults.silent_after == Some(5.0));
         assert!((faults.drop - 0.01).abs() < 1e-12);

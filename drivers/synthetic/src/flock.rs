@@ -32,7 +32,7 @@ struct Bird {
 }
 
 impl Flock {
-    /// Sets the mode that a protocol name stands for.
+    /// Sets the mode of a protocol name.
     pub(crate) fn configure_for(&mut self, protocol: &str) {
         for bird in &mut self.birds {
             bird.angles = protocol.contains("angles");
@@ -44,7 +44,7 @@ impl Flock {
         self.streaming
     }
 
-    /// Takes commands, which are one byte and a known number of parameters, and appends the
+    /// Executes commands, which are one byte and a known number of parameters, and appends the
     /// answers.
     pub(crate) fn receive(&mut self, bytes: &[u8], pose: RigidTransform, out: &mut Vec<u8>) {
         for &byte in bytes {

@@ -24,7 +24,7 @@ impl Freed {
         self.streaming
     }
 
-    /// Takes commands (D0: `D0`, camera, command, checksum) and appends the answers.
+    /// Executes commands (D0: `D0`, camera, command, checksum) and appends the answers.
     pub(crate) fn receive(&mut self, bytes: &[u8], pose: RigidTransform, out: &mut Vec<u8>) {
         for &byte in bytes {
             if self.command.is_empty() && byte != 0xd0 {

@@ -7,7 +7,7 @@ use penumbra_interface::RigidTransform;
 /// Longest command line, bytes; the rest is ignored.
 const LINE_LIMIT: usize = 300;
 
-/// Receivers that are plugged in: as many as a Patriot can have.
+/// Number of plugged-in receivers: the maximum of a Patriot.
 const RECEIVERS: usize = 2;
 
 /// The state of the device.
@@ -18,7 +18,7 @@ pub(crate) struct Liberty {
     continuous: bool,
     items: Vec<u8>,
     hemisphere: DVec3,
-    /// Which receivers are on; all that are plugged in are after power-up.
+    /// Which receivers are on; after power-up, all that are plugged in.
     on: [bool; RECEIVERS],
     line: Vec<u8>,
     patriot: bool,
@@ -40,7 +40,7 @@ impl Liberty {
         }
     }
 
-    /// Sets the mode that a protocol name stands for.
+    /// Sets the mode of a protocol name.
     pub(crate) fn configure_for(&mut self, protocol: &str) {
         self.binary = true;
         self.items = vec![2, if protocol.ends_with("euler") { 4 } else { 7 }];
@@ -50,7 +50,7 @@ impl Liberty {
         self.continuous
     }
 
-    /// Takes commands, each ended by a carriage return, and appends the answers.
+    /// Executes commands, each ended by a carriage return, and appends the answers.
     pub(crate) fn receive(&mut self, bytes: &[u8], pose: RigidTransform, out: &mut Vec<u8>) {
         for &byte in bytes {
             if byte == b'\r' {

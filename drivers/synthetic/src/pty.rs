@@ -17,18 +17,18 @@ use std::time::Duration;
 pub struct Pty {
     device: OwnedFd,
     path: PathBuf,
-    /// Keeps the driver's end open, so that drivers may come and go: while nobody has it open,
+    /// Keeps the driver's end open, so that drivers may open and close it: while it is not open,
     /// reading at the device's end fails.
     driver_end: File,
     link: Option<PathBuf>,
 }
 
 impl Pty {
-    /// A new pseudo-terminal in raw mode. In the default mode, what the device sends before a
-    /// driver has opened its end would be echoed back to the device.
+    /// Creates a pseudo-terminal in raw mode. In the default mode, bytes that the device sends
+    /// before a driver has opened its end would be echoed to the device.
     ///
     /// # Errors
-    /// What the operating system says.
+    /// The operating system cannot create or configure it.
     pub fn open() -> io::Result<Self> {
         let device = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY)?;
         // macOS does not accept this as a flag of `openpt`.

@@ -1,4 +1,4 @@
-//! What the receivers of all simulated magnetic trackers have in common.
+//! Poses of the receivers of all simulated magnetic trackers.
 
 use glam::{DQuat, DVec3};
 use penumbra_interface::RigidTransform;
@@ -13,7 +13,7 @@ pub(crate) fn receiver_pose(transmitter_from_body: RigidTransform, index: usize)
 /// The pose as a device with this hemisphere reports it. The magnetic field is the same at a
 /// point and at its mirror image through the transmitter, so a receiver outside the hemisphere
 /// is reported at its mirror image. A hemisphere of zeros means that the device tracks the
-/// hemisphere by itself.
+/// hemisphere itself.
 pub(crate) fn in_hemisphere(pose: RigidTransform, hemisphere: DVec3) -> RigidTransform {
     if hemisphere.dot(pose.translation) < 0.0 {
         RigidTransform::new(pose.rotation, -pose.translation)

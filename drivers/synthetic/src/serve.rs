@@ -8,27 +8,27 @@ use std::net::{SocketAddr, UdpSocket};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
-/// Longest wait, after which `stop` is checked.
-const LONGEST_WAIT: Duration = Duration::from_millis(50);
+/// Maximum wait before `stop` is checked again.
+const MAX_WAIT: Duration = Duration::from_millis(50);
 
 /// A connection to a driver.
 pub trait Outlet {
-    /// Waits up to `timeout` for commands and reads them into `buffer`: their length in bytes, 0
-    /// if none came.
+    /// Waits up to `timeout` for commands and reads them into `buffer`; returns their length in
+    /// bytes, 0 if there are none.
     ///
     /// # Errors
-    /// What the operating system says.
+    /// The operating system reports a failed read.
     fn read(&mut self, buffer: &mut [u8], timeout: Duration) -> io::Result<usize>;
 
-    /// Writes all of `bytes`, or loses them if nobody reads.
+    /// Writes all of `bytes`, or loses them if no driver reads.
     ///
     /// # Errors
-    /// What the operating system says.
+    /// The operating system reports a failed write.
     fn write(&mut self, bytes: &[u8]) -> io::Result<()>;
 }
 
-/// Answers and streams on the calling thread until `stop` is set or the time to hang up has
-/// come.
+/// Answers and streams on the calling thread until `stop` is set or the time to hang up is
+/// reached.
 ///
 /// # Errors
 /// The outlet fails.
@@ -61,8 +61,8 @@ pub fn serve(
 
 fn until_due(device: &SimulatedTracker, now: MonotonicTime) -> Duration {
     let nanos = device.next_due().map(|due| due.nanos_since(now).max(0));
-    nanos.map_or(LONGEST_WAIT, |nanos| {
-        Duration::from_nanos(nanos.unsigned_abs()).min(LONGEST_WAIT)
+    nanos.map_or(MAX_WAIT, |nanos| {
+        Duration::from_nanos(nanos.unsigned_abs()).min(MAX_WAIT)
     })
 }
 
@@ -84,10 +84,10 @@ pub struct UdpOutlet {
 }
 
 impl UdpOutlet {
-    /// A sender to `receiver`.
+    /// Creates a sender to `receiver`.
     ///
     /// # Errors
-    /// What the operating system says.
+    /// The operating system provides no socket or no route to the receiver.
     pub fn new(receiver: SocketAddr) -> io::Result<Self> {
         let any: SocketAddr = if receiver.is_ipv4() {
             ([0, 0, 0, 0], 0).into()
@@ -106,7 +106,7 @@ impl Outlet for UdpOutlet {
         let timeout = timeout.max(Duration::from_micros(1));
         self.socket.set_read_timeout(Some(timeout))?;
         match self.socket.recv(buffer) {
-            // A datagram is no command, and a refusal means that nobody listens yet.
+            // Datagrams are not commands, and a refusal means that there is no receiver yet.
             Ok(_) | Err(_) => Ok(0),
         }
     }

@@ -9,10 +9,10 @@ use crate::trajectory::Trajectory;
 use penumbra_interface::{MonotonicTime, RigidTransform};
 use thiserror::Error;
 
-/// Nanoseconds. A device that is further behind than this skips the records that it missed.
+/// Nanoseconds. A device that is later than this skips the records that it missed.
 const BACKLOG: i64 = 500_000_000;
 
-/// What a simulated tracker sends while it streams.
+/// Source of the records that a simulated tracker sends.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Source {
     /// Records of the poses of a trajectory.
@@ -21,7 +21,7 @@ pub enum Source {
     Recording(Recording),
 }
 
-/// Recorded bytes of a tracker with their arrival times. After the last, the first follow.
+/// Recorded bytes of a tracker with their arrival times, repeated without end.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Recording {
     /// Nanoseconds from the first chunk, and the bytes.
@@ -29,7 +29,7 @@ pub struct Recording {
 }
 
 impl Recording {
-    /// From chunks in the order of their arrival. The time before the first one is left out.
+    /// Creates a recording from chunks in the order of their arrival. It starts with the first one.
     #[must_use]
     pub fn new(chunks: Vec<(MonotonicTime, Vec<u8>)>) -> Self {
         let began = chunks.first().map_or(MonotonicTime::default(), |c| c.0);
@@ -52,7 +52,7 @@ impl Recording {
         let time = |index: usize| self.chunks.get(index).map(|chunk| chunk.0);
         match (time(index), time(index + 1)) {
             (Some(now), Some(next)) => (index + 1, (next - now).max(0)),
-            // The time from the last to the first is that between the first two.
+            // The interval from the last to the first is that between the first two.
             _ => (0, time(1).unwrap_or(10_000_000).max(1_000_000)),
         }
     }
@@ -77,8 +77,8 @@ enum Device {
     Csv,
 }
 
-/// A simulated device without I/O: it takes commands and returns answers and records, at the
-/// times that it is given.
+/// A simulated device without I/O or clock: it executes commands and returns answers and records
+/// at given times.
 #[derive(Clone, Debug)]
 pub struct SimulatedTracker {
     device: Device,
@@ -96,9 +96,9 @@ pub struct SimulatedTracker {
 
 impl SimulatedTracker {
     /// A device for `protocol`, a name as in a session (`fastrak`, `fastrak-binary-quaternion`,
-    /// `liberty`, `flock` …). With a recording it starts in the mode that the name stands for,
+    /// `liberty`, `flock` …). With a recording it starts in the mode of the name,
     /// otherwise with factory settings. `rate` is in records a second, `None` for the device's
-    /// own. `unasked` makes a FreeD unit stream without a command, as units that send datagrams
+    /// own. `unprompted` makes a FreeD unit stream without a command, as units that send datagrams
     /// do.
     ///
     /// # Errors
@@ -107,14 +107,14 @@ impl SimulatedTracker {
         protocol: &str,
         source: Source,
         rate: Option<f64>,
-        unasked: bool,
+        unprompted: bool,
     ) -> Result<Self, UnknownProtocol> {
         let family = protocol.split(['-', ':']).next().unwrap_or_default();
         let mut device = match family {
             "fastrak" => Device::Fastrak(Fastrak::default()),
             "liberty" | "patriot" => Device::Liberty(Liberty::new(family == "patriot")),
             "flock" => Device::Flock(Flock::default()),
-            "freed" => Device::Freed(Freed::new(unasked)),
+            "freed" => Device::Freed(Freed::new(unprompted)),
             "csv" => Device::Csv,
             _ => {
                 return Err(UnknownProtocol {
@@ -136,7 +136,7 @@ impl SimulatedTracker {
         })
     }
 
-    /// Takes commands and appends the immediate answers.
+    /// Executes commands and appends the immediate answers.
     pub fn receive(&mut self, bytes: &[u8], now: MonotonicTime, out: &mut Vec<u8>) {
         if self.resets_until.is_some_and(|until| now < until) {
             return;
@@ -220,12 +220,12 @@ impl SimulatedTracker {
                 csv::record(at.seconds_since(began), pose, out);
             }
         }
-        (1e9 / self.rate.unwrap_or_else(|| self.device.usual_rate())) as i64
+        (1e9 / self.rate.unwrap_or_else(|| self.device.default_rate())) as i64
     }
 }
 
 impl Device {
-    /// Sets the mode that a protocol name stands for.
+    /// Sets the mode of a protocol name.
     fn configure_for(&mut self, protocol: &str) {
         match self {
             Self::Fastrak(device) => device.configure_for(protocol),
@@ -236,7 +236,7 @@ impl Device {
     }
 
     /// The device's own rate, records a second.
-    fn usual_rate(&self) -> f64 {
+    fn default_rate(&self) -> f64 {
         match self {
             Self::Fastrak(device) => 120.0 / device.active() as f64,
             Self::Liberty(_) => 240.0,

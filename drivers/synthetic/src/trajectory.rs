@@ -32,7 +32,7 @@ impl Default for Trajectory {
     }
 }
 
-/// A file of poses is malformed. The text says where, and what to write.
+/// A file of poses is malformed. The message names the line and the expected format.
 #[derive(Clone, Debug, Error, PartialEq, Eq)]
 pub enum TrajectoryError {
     /// A line is not a pose.
@@ -151,7 +151,6 @@ fn pose_line(line: &str) -> Option<(f64, RigidTransform)> {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used, clippy::expect_used)]
     use super::*;
 
     #[test]

@@ -1,7 +1,8 @@
 //! Records decoded a second on one core, for every protocol: `cargo bench -p
 //! penumbra-tracker-serial`. The bytes come from the simulated devices, in reads of 64 bytes,
-//! the usual size for a serial port.
-#![allow(clippy::unwrap_used, clippy::expect_used, missing_docs)]
+//! the typical size for a serial port.
+#![expect(clippy::unwrap_used)]
+#![allow(missing_docs)]
 
 use criterion::{BatchSize, Criterion, Throughput, criterion_group, criterion_main};
 use penumbra_interface::MonotonicTime;

@@ -22,7 +22,7 @@ use crate::step::Step;
 use glam::DVec3;
 use std::time::Duration;
 
-/// Longest line, with its ending, in bytes.
+/// Maximum length of a line with its ending, bytes.
 pub const LINE_LIMIT: usize = 200;
 
 /// The line protocol.
@@ -97,7 +97,7 @@ fn without_checksum(line: &[u8]) -> Result<&[u8], Fault> {
     }
 }
 
-/// Only listens. Many boards restart when their port is opened, which takes seconds.
+/// Only reads. Many boards restart when their port is opened, which takes seconds.
 pub(crate) fn start_sequence() -> Vec<Step> {
     vec![Step::AwaitRecords(Duration::from_secs(4))]
 }

@@ -1,4 +1,4 @@
-//! Finds records in a stream of bytes: what all protocols have in common.
+//! Finds records in a stream of bytes, for all protocols.
 
 use crate::framing::{Fault, Framing, Reading, Verdict};
 use penumbra_interface::{MonotonicTime, PoseSample};
@@ -7,7 +7,7 @@ use penumbra_interface::{MonotonicTime, PoseSample};
 const CAPACITY: usize = 512;
 const NEVER: MonotonicTime = MonotonicTime::from_nanos(i64::MIN);
 
-/// What a decoder has found so far.
+/// Counters of a decoder.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counters {
     /// Records with a pose.
@@ -16,7 +16,7 @@ pub struct Counters {
     pub without_pose: u64,
     /// Bytes that belonged to no record.
     pub skipped_bytes: u64,
-    /// How often the decoder lost its place in the stream after having found it.
+    /// How often the decoder lost synchronisation.
     pub resyncs: u64,
     /// Records with the right layout but impossible numbers.
     pub implausible: u64,
@@ -27,8 +27,8 @@ pub struct Counters {
 /// Decodes a tracker's stream: push bytes as they arrive, and receive each record in a
 /// closure.
 ///
-/// The first bytes of a record also occur by chance, above all in binary numbers. So a decoder
-/// has found its place (is locked) only when two valid records follow one another.
+/// The first bytes of a record also occur by chance, above all in binary numbers. So a decoder is
+/// synchronised (locked) only after two consecutive valid records.
 #[derive(Clone, Debug)]
 pub struct Decoder<F> {
     format: F,
@@ -89,19 +89,19 @@ impl<F> Decoder<F> {
         &self.format
     }
 
-    /// Whether the decoder has found its place in the stream.
+    /// Whether the decoder is synchronised with the stream.
     #[must_use]
     pub const fn locked(&self) -> bool {
         self.locked
     }
 
-    /// What has been found so far.
+    /// The counters so far.
     #[must_use]
     pub const fn counters(&self) -> Counters {
         self.counters
     }
 
-    /// Forgets buffered bytes, as after a port has been reopened. The counters stay.
+    /// Discards buffered bytes, e.g. after a port has been reopened. The counters are kept.
     pub const fn reset(&mut self) {
         self.len = 0;
         self.locked = false;
@@ -109,7 +109,7 @@ impl<F> Decoder<F> {
         self.previous_byte = None;
     }
 
-    /// When a byte arrived that `after` bytes of the same read follow.
+    /// Arrival time of a byte that is followed by `after` bytes of the same read.
     fn arrival(&self, arrived_at: MonotonicTime, after: usize) -> MonotonicTime {
         match self.nanos_per_byte {
             Some(nanos) => arrived_at
@@ -119,7 +119,7 @@ impl<F> Decoder<F> {
         }
     }
 
-    /// Appends as many of `bytes` as there is room for; their number.
+    /// Appends as many of `bytes` as fit; returns their number.
     fn append(&mut self, bytes: &[u8], arrived_at: MonotonicTime) -> usize {
         let count = bytes.len().min(CAPACITY - self.len);
         self.bytes[self.len..self.len + count].copy_from_slice(&bytes[..count]);
@@ -135,7 +135,7 @@ impl<F> Decoder<F> {
         count
     }
 
-    /// Counts `count` skipped bytes; the decoder has lost its place.
+    /// Counts `count` skipped bytes; the decoder loses synchronisation.
     fn skip(&mut self, count: usize, fault: Fault) -> Outcome {
         self.counters.resyncs += u64::from(self.locked);
         self.counters.implausible += u64::from(fault == Fault::Implausible);
@@ -164,7 +164,7 @@ impl<F> Decoder<F> {
     }
 }
 
-/// What to do with the bytes at one position of the buffer.
+/// Result of examining the bytes at one position of the buffer.
 enum Outcome {
     /// A record of this length.
     Take(usize, Option<Reading>),
@@ -175,8 +175,8 @@ enum Outcome {
 }
 
 impl<F: Framing> Decoder<F> {
-    /// Takes bytes, the last of which arrived at `arrived_at`, and passes every record found
-    /// to `sink`, in order.
+    /// Adds bytes, the last of which arrived at `arrived_at`, and passes every record found to
+    /// `sink`, in order.
     pub fn push(
         &mut self,
         bytes: &[u8],

@@ -1,8 +1,8 @@
 //! Starts a tracker, without I/O.
 //!
-//! A [`Dialogue`] tells its owner to write bytes or to read until a time, and is given what was
-//! read. At its end the device streams in the mode that it was set to, or the dialogue says
-//! what it sends instead.
+//! A [`Dialogue`] requests its owner to write bytes or to read until a time, and receives the bytes
+//! read. At its end the device streams in the mode that was set, or the dialogue reports what it
+//! sends instead.
 
 use crate::format::{AnyDecoder, Format};
 use crate::recognise::recognise;
@@ -14,19 +14,19 @@ use std::time::Duration;
 
 pub use crate::step::Answer;
 
-/// Received bytes that are kept for recognising the device, at most.
+/// Maximum number of received bytes kept for recognising the device.
 const RECEIVED_LIMIT: usize = 8192;
-/// A pause of this length in what a device sends is silence.
+/// A device that sends nothing for this time is silent.
 const SILENCE: Duration = Duration::from_millis(100);
-/// A device that is told to stop must fall silent within this time.
+/// Time limit within which a device must fall silent after the stop command.
 const SILENCE_LIMIT: Duration = Duration::from_secs(1);
 
-/// What the owner of a dialogue is to do next.
+/// The next action of the owner of a dialogue.
 #[derive(Debug, PartialEq, Eq)]
 pub enum Action {
     /// Write these bytes.
     Write(Vec<u8>),
-    /// Read, and pass on what came.
+    /// Read, and pass the bytes to the dialogue.
     Read {
         /// When to stop waiting.
         until: MonotonicTime,
@@ -35,26 +35,26 @@ pub enum Action {
     },
     /// The device streams.
     Done(Answer),
-    /// It does not.
+    /// The device does not stream.
     Failed(Trouble),
 }
 
 /// Why a device does not stream.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Trouble {
-    /// It sent nothing.
+    /// The device sent nothing.
     Silent {
         /// For how long, milliseconds.
         millis: u64,
     },
-    /// It sent something else.
+    /// The device sent something else.
     Foreign {
-        /// What it looks like, and what to do.
+        /// Description of the received bytes, and a remedy.
         seen: String,
     },
 }
 
-/// The conversation with a tracker from connecting to its first records.
+/// The start of a tracker, from connecting to its first records.
 #[derive(Debug)]
 pub struct Dialogue {
     protocol: String,
@@ -88,7 +88,7 @@ impl Dialogue {
         })
     }
 
-    /// What to do now.
+    /// Returns the next action.
     pub fn next(&mut self, now: MonotonicTime) -> Action {
         self.began.get_or_insert(now);
         loop {
@@ -127,7 +127,7 @@ impl Dialogue {
         read_until(silent_at, now, false)
     }
 
-    /// `None` once the device has answered, or has not and need not.
+    /// `None` once the device has answered, or if it did not answer an optional question.
     fn ask(&mut self, began: MonotonicTime, now: MonotonicTime) -> Option<Action> {
         let Some(Step::Ask {
             question,
@@ -157,7 +157,7 @@ impl Dialogue {
         required.then(|| self.fail(now))
     }
 
-    /// Takes what was read.
+    /// Passes received bytes to the dialogue.
     pub fn receive(&mut self, bytes: &[u8], now: MonotonicTime) {
         self.last_received_at = now;
         let room = RECEIVED_LIMIT.saturating_sub(self.received.len());
@@ -168,8 +168,8 @@ impl Dialogue {
         }
     }
 
-    /// Goes to the next step. What came before a question is no answer to it; what came while
-    /// nothing was asked is kept for recognising another device.
+    /// Proceeds to the next step. Bytes received before a question are not its answer; bytes
+    /// received without a question are kept for recognising another device.
     fn advance(&mut self) {
         self.steps.pop_front();
         self.step_began = None;
@@ -194,13 +194,13 @@ impl Dialogue {
     }
 }
 
-/// `None` once that time has come.
+/// `None` once `until` is reached.
 fn read_until(until: MonotonicTime, now: MonotonicTime, keep: bool) -> Option<Action> {
     (now < until).then_some(Action::Read { until, keep })
 }
 
-/// The command that stops the stream, so that the device is quiet for the next program. Empty
-/// where a device has no such command.
+/// The command that stops the stream, so that the device is silent for the next program. Empty
+/// if the device has no such command.
 #[must_use]
 pub fn stop_command(settings: &TrackerSettings) -> Vec<u8> {
     Format::for_protocol(&settings.protocol).map_or_else(Vec::new, |format| format.stop_command())

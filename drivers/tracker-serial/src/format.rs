@@ -50,7 +50,7 @@ pub const PROTOCOLS: [&str; 18] = [
 ];
 
 impl Format {
-    /// The format for a protocol name, with the protocol's usual units. `None` for a name that
+    /// The format for a protocol name, with the protocol's default units. `None` for a name that
     /// is not in [`PROTOCOLS`].
     #[must_use]
     pub fn for_protocol(name: &str) -> Option<Self> {
@@ -106,13 +106,13 @@ impl Format {
             Self::Flock(format) => flock::commands::start_sequence(settings, format),
             Self::Freed(_) => freed::commands::start_sequence(settings),
             Self::Csv(_) => csv::start_sequence(),
-            // The connection has a handshake of its own, see vrpn::Client.
+            // The connection has its own handshake, see vrpn::Client.
             Self::Vrpn(_) => Vec::new(),
         }
     }
 
-    /// The command that stops the stream, so that the device is quiet for the next program.
-    /// Empty where a device has no such command.
+    /// The command that stops the stream, so that the device is silent for the next program. Empty
+    /// if the device has no such command.
     #[must_use]
     pub(crate) fn stop_command(&self) -> Vec<u8> {
         match self {
@@ -157,7 +157,7 @@ impl Framing for Format {
 }
 
 impl AnyDecoder {
-    /// A decoder for a protocol's name, with the protocol's usual units; `None` for a name
+    /// A decoder for a protocol's name, with the protocol's default units; `None` for a name
     /// that is not in [`PROTOCOLS`]. The name may be followed by the baud rate of the line, as
     /// in `fastrak@115200`, which corrects arrival times: see [`Decoder::with_baud`].
     #[must_use]
@@ -183,7 +183,6 @@ impl AnyDecoder {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
 
     #[test]

@@ -1,8 +1,8 @@
-//! How a protocol finds its records among other bytes, and what a record holds.
+//! How a protocol distinguishes its records from other bytes, and the contents of a record.
 
 use penumbra_interface::{MonotonicTime, PoseSample, RigidTransform};
 
-/// How one protocol tells its records from other bytes.
+/// Distinguishes the records of one protocol from other bytes.
 pub trait Framing {
     /// Classifies the bytes at the front of `bytes`, at least one. `previous` is the byte that
     /// came just before them, `None` at the beginning of the stream. Once `bytes` are as long
@@ -10,14 +10,14 @@ pub trait Framing {
     fn classify(&self, previous: Option<u8>, bytes: &[u8]) -> Verdict;
 }
 
-/// What a stream has at one position.
+/// Classification of the bytes at one position of a stream.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Verdict {
     /// A valid record with a pose.
     Reading {
         /// Length of the record, bytes.
         len: usize,
-        /// What it holds.
+        /// Its contents.
         reading: Reading,
     },
     /// A valid record without a pose, such as an answer to a command or a comment.
@@ -25,7 +25,7 @@ pub enum Verdict {
         /// Length of the record, bytes.
         len: usize,
     },
-    /// The beginning of what may become a record.
+    /// Possibly the beginning of a record.
     Incomplete,
     /// No record starts here.
     Noise {
@@ -37,14 +37,14 @@ pub enum Verdict {
 }
 
 impl Verdict {
-    /// Noise of which one byte can be skipped.
+    /// Noise; one byte can be skipped.
     #[must_use]
     pub const fn noise(fault: Fault) -> Self {
         Self::Noise { skip: 1, fault }
     }
 }
 
-/// What one record holds.
+/// Contents of one record.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Reading {
     /// The tracker's number of the receiver, from 1.

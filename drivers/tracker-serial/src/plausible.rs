@@ -1,5 +1,5 @@
-//! Checks that tell measured numbers from misread bytes: finite, a unit quaternion, within
-//! range.
+//! Checks that distinguish measured numbers from misread bytes: finite, a unit quaternion,
+//! within range.
 
 use crate::framing::Fault;
 use glam::{DQuat, DVec3, EulerRot};

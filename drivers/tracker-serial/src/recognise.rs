@@ -1,14 +1,13 @@
-//! Names the protocol of received bytes, for messages about a port at which another one was
-//! expected.
+//! Recognises the protocol of received bytes, for messages about an unexpected protocol.
 
 use crate::format::{AnyDecoder, PROTOCOLS};
 use penumbra_interface::MonotonicTime;
 
-/// Records that identify a protocol: two may occur by chance.
+/// Number of records that identify a protocol: two may occur by chance.
 const ENOUGH: u64 = 3;
 
-/// Describes `received` in one line where records of the protocol `expected` were expected,
-/// and says what to do.
+/// Describes `received`, which are not records of the protocol `expected`, in one line with a
+/// remedy.
 #[must_use]
 pub fn recognise(received: &[u8], expected: &str) -> String {
     if let Some(found) = protocol_of(received) {
@@ -22,7 +21,7 @@ pub fn recognise(received: &[u8], expected: &str) -> String {
         .count();
     if printable * 10 >= received.len() * 9 {
         format!(
-            "sends text that is not of protocol {expected:?}, such as {:?}; is it another \
+            "sends text that is not of protocol {expected:?}, e.g. {:?}; is it another \
              device?",
             first_line(received)
         )
@@ -44,7 +43,7 @@ pub fn protocol_of(received: &[u8]) -> Option<&'static str> {
         let used = (received.len() as u64).saturating_sub(counters.skipped_bytes);
         (counters.records >= ENOUGH && used * 2 >= received.len() as u64).then_some((used, *name))
     });
-    // Of equals the first one in PROTOCOLS: a plain name comes before its variants.
+    // The first one in PROTOCOLS of those with equal counts: a plain name precedes its variants.
     candidates
         .rev()
         .max_by_key(|(used, _)| *used)

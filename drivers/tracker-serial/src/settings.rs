@@ -4,19 +4,19 @@ use crate::units::{METRES_PER_CENTIMETRE, METRES_PER_INCH};
 use std::fmt;
 use std::net::SocketAddr;
 
-/// Everything that opening a tracker needs.
+/// Settings of a tracker.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TrackerSettings {
     /// One of [`PROTOCOLS`](crate::PROTOCOLS).
     pub protocol: String,
     /// Where the tracker is connected.
     pub port: PortName,
-    /// Baud rate; `None` for the protocol's usual one, see [`usual_baud`].
+    /// Baud rate; `None` for the protocol's default, see [`default_baud`].
     pub baud: Option<u32>,
     /// Receivers to switch on, numbered from 1. The others are switched off where the device
     /// can do that.
     pub stations: Vec<u8>,
-    /// The half of space in which the receivers are.
+    /// The hemisphere in which the receivers are.
     pub hemisphere: Hemisphere,
     /// The unit of length that the device is set to.
     pub units: Units,
@@ -26,7 +26,7 @@ pub struct TrackerSettings {
 }
 
 impl TrackerSettings {
-    /// The usual settings of `protocol` at `port`: one receiver, forward hemisphere,
+    /// The default settings of `protocol` at `port`: one receiver, forward hemisphere,
     /// centimetres, 1 s of silence.
     #[must_use]
     pub fn new(protocol: &str, port: PortName) -> Self {
@@ -44,16 +44,16 @@ impl TrackerSettings {
     /// The baud rate to use.
     #[must_use]
     pub fn baud(&self) -> u32 {
-        self.baud.unwrap_or_else(|| usual_baud(&self.protocol))
+        self.baud.unwrap_or_else(|| default_baud(&self.protocol))
     }
 }
 
-/// The baud rate of a protocol where none is configured.
+/// The default baud rate of a protocol.
 ///
 /// A FASTRAK needs 115200 to send text at its full 120 records a second (54 bytes of ten bits
-/// each); FreeD's manual says 38400.
+/// each); FreeD's manual specifies 38400.
 #[must_use]
-pub fn usual_baud(protocol: &str) -> u32 {
+pub fn default_baud(protocol: &str) -> u32 {
     if protocol.starts_with("freed") {
         38_400
     } else {
@@ -85,7 +85,7 @@ impl PortName {
     /// `vrpn:Tracker0@host` or `vrpn:Tracker0@host:3883`.
     ///
     /// # Errors
-    /// One line that says what is wrong and what to write instead.
+    /// The text is malformed; the error is one line that names the expected form.
     pub fn parse(text: &str) -> Result<Self, String> {
         if let Some(address) = text.strip_prefix("udp:") {
             let address = address.parse();
@@ -137,9 +137,9 @@ impl fmt::Display for PortName {
     }
 }
 
-/// The half of space, as seen from the transmitter, in which the receivers stay. A magnetic
-/// tracker cannot tell a point from its mirror image: with the wrong hemisphere, the signs of
-/// positions flip, and the device reports no error.
+/// The hemisphere around the transmitter in which the receivers stay. A magnetic tracker cannot
+/// distinguish a point from its mirror image: with the wrong hemisphere, the signs of positions
+/// are inverted, and the device reports no error.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Hemisphere {
     /// +X, the factory setting.
@@ -172,8 +172,7 @@ impl Hemisphere {
     }
 }
 
-/// The unit of length of a Polhemus tracker. It must agree with the unit in the rig
-/// calibration.
+/// The unit of length of a Polhemus tracker. It must be the unit of the rig calibration.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Units {
     /// 0.0254 m.
@@ -196,11 +195,10 @@ impl Units {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
 
     #[test]
-    fn ports_are_parsed_and_printed_alike() {
+    fn printed_ports_parse_to_the_same_port() {
         for text in [
             "/dev/ttyUSB0",
             "usb-FTDI_X",
@@ -219,7 +217,7 @@ mod tests {
     }
 
     #[test]
-    fn errors_say_what_to_write_instead() {
+    fn errors_name_the_expected_form() {
         for (text, hint) in [
             ("udp:host", "udp:0.0.0.0:40000"),
             ("vrpn:Tracker0", "vrpn:NAME@HOST"),

@@ -9,7 +9,7 @@ use std::time::Duration;
 pub(crate) enum Step {
     /// Write these bytes.
     Send(Vec<u8>),
-    /// Give the device time.
+    /// Wait for the device.
     Pause(Duration),
     /// Read and discard until nothing has come for 100 ms. A device that sends on for a second
     /// is not the expected one.
@@ -31,11 +31,11 @@ pub(crate) enum Step {
     AwaitRecords(Duration),
 }
 
-/// What a device answered.
+/// Answer of a device.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Answer {
     /// The device's description of itself, one line.
     pub description: Option<String>,
-    /// What its user should know, one line.
+    /// A note for the user, one line.
     pub warning: Option<String>,
 }

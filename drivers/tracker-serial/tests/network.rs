@@ -1,5 +1,5 @@
 //! Trackers on sockets: a VRPN server and FreeD datagrams.
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+#![expect(clippy::unwrap_used)]
 #![allow(clippy::disallowed_methods, reason = "tests start their own threads")]
 
 use penumbra_interface::{DeviceError, Tracker};
@@ -142,7 +142,13 @@ fn a_tracker_of_a_server_streams_until_the_server_ends() {
         found.windows(2).all(|w| (w[1] - w[0] - 0.01).abs() < 1e-9),
         "{found:?}"
     );
-    assert!(tracker.report().said.unwrap().contains("Tracker0, Wand"));
+    assert!(
+        tracker
+            .report()
+            .description
+            .unwrap()
+            .contains("Tracker0, Wand")
+    );
     drop(server);
     let began = Instant::now();
     let error = loop {
@@ -156,7 +162,7 @@ fn a_tracker_of_a_server_streams_until_the_server_ends() {
 }
 
 #[test]
-fn errors_say_why_a_server_is_of_no_use() {
+fn errors_name_the_reason_why_a_server_is_unusable() {
     let error =
         |server: &Server, tracker| open(&server.settings(tracker)).err().unwrap().to_string();
     let server = Server::start(greeting(), true);

@@ -1,7 +1,7 @@
 //! The driver of every serial protocol with its simulated device, through a pseudo-terminal,
 //! which behaves like a serial port in most respects.
 #![cfg(unix)]
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+#![expect(clippy::unwrap_used, clippy::panic)]
 #![allow(clippy::disallowed_methods, reason = "tests start their own threads")]
 
 mod common;
@@ -83,7 +83,13 @@ fn inches_and_centimetres_give_the_same_metres() {
             .with_metres_per_unit(units.metres());
         let found = common::decode(&mut *tracker, &mut decoder, 10);
         assert!(furthest_from_path(&found) < 1e-3, "{units:?}");
-        assert!(tracker.report().said.unwrap().contains("software 3.18"));
+        assert!(
+            tracker
+                .report()
+                .description
+                .unwrap()
+                .contains("software 3.18")
+        );
     }
 }
 
@@ -290,7 +296,7 @@ fn arrival_is_on_the_monotonic_clock() {
 }
 
 #[test]
-fn ports_that_cannot_be_opened_are_named() {
+fn errors_name_ports_that_cannot_be_opened() {
     let open_at = |path: &str| {
         let settings = TrackerSettings::new("fastrak", PortName::Serial(path.to_owned()));
         open(&settings).err().unwrap()
@@ -307,7 +313,7 @@ fn ports_that_cannot_be_opened_are_named() {
     assert!(error.to_string().contains("is no serial port"), "{error}");
     let settings = TrackerSettings::new("polaris", PortName::Serial("/dev/null".to_owned()));
     let error = open(&settings).err().unwrap().to_string();
-    assert!(error.contains("there are fastrak"), "{error}");
+    assert!(error.contains("the protocols are fastrak"), "{error}");
 }
 
 #[test]
@@ -322,6 +328,9 @@ fn probing_finds_the_protocol() {
         let port = PortName::Serial(device.path());
         let answer = probe(&port).unwrap().unwrap_or_else(|| panic!("{sent}"));
         assert_eq!(answer.protocol, found);
-        assert!(answer.said.unwrap_or_default().contains(said), "{sent}");
+        assert!(
+            answer.description.unwrap_or_default().contains(said),
+            "{sent}"
+        );
     }
 }

@@ -1,7 +1,7 @@
 //! Recorded bytes are decoded, and the poses compared with those that the recordings are known
 //! to hold (`tests/fixtures/tracker/ORIGIN.md`): in one piece, byte by byte, and through a
 //! pseudo-terminal.
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+#![expect(clippy::unwrap_used, clippy::panic)]
 #![allow(clippy::disallowed_methods, reason = "tests start their own threads")]
 
 #[cfg(unix)]
@@ -118,7 +118,7 @@ fn recordings_decode_to_their_known_poses() {
 /// Every byte in turn is lost, doubled, or has one bit flipped: the decoder recovers within two
 /// records, and where the protocol has a checksum, it passes no wrong pose on.
 #[test]
-fn damage_costs_at_most_the_neighbouring_records() {
+fn damage_loses_at_most_the_neighbouring_records() {
     for name in RECORDINGS {
         let mut recording = Recording::load(name);
         let record = recording.bytes.len() / recording.poses.len();
@@ -179,7 +179,7 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(40))]
 
     #[test]
-    fn garbage_costs_at_most_the_neighbouring_records(
+    fn garbage_loses_at_most_the_neighbouring_records(
         before in prop::collection::vec(any::<u8>(), 0..300),
         between in prop::collection::vec(any::<u8>(), 0..300),
         place in 2usize..6,

@@ -10,11 +10,11 @@ pub(crate) struct Pattern {
     pub width: f64,
     pub height: f64,
     /// Edge of the outer squares, metres; the white margin is proportional to it.
-    pub rim: f64,
+    pub border: f64,
     pub black: Vec<Black>,
 }
 
-pub(crate) fn of(board: &Board) -> Pattern {
+pub(crate) fn from_board(board: &Board) -> Pattern {
     match *board {
         Board::Chess {
             columns,
@@ -45,21 +45,21 @@ pub(crate) fn of(board: &Board) -> Pattern {
     }
 }
 
-/// Returns the chessboard's black squares: those whose column and row have an even sum.
+/// Lays out the black squares of a chessboard: those whose column and row have an even sum.
 fn chess(columns: u32, rows: u32, square: f64) -> Pattern {
     let all = (0..columns * rows).map(|i| (i % columns, i / columns));
     let black = all.filter(|(x, y)| (x + y) % 2 == 0);
     Pattern {
         width: f64::from(columns) * square,
         height: f64::from(rows) * square,
-        rim: square,
+        border: square,
         black: black
-            .map(|(x, y)| filled(f64::from(x) * square, f64::from(y) * square, square))
+            .map(|(x, y)| black_square(f64::from(x) * square, f64::from(y) * square, square))
             .collect(),
     }
 }
 
-/// Returns the tags, and the black squares at the crossings of the gaps (Kalibr).
+/// Lays out the tags, and the black squares at the crossings of the gaps (Kalibr).
 fn april_grid(
     board: &Board,
     (columns, rows): (u32, u32),
@@ -71,9 +71,9 @@ fn april_grid(
     let mut pattern = Pattern {
         width: f64::from(columns) * pitch + gap,
         height: f64::from(rows) * pitch + gap,
-        rim: gap,
+        border: gap,
         black: corners
-            .map(|(x, y)| filled(f64::from(x) * pitch, f64::from(y) * pitch, gap))
+            .map(|(x, y)| black_square(f64::from(x) * pitch, f64::from(y) * pitch, gap))
             .collect(),
     };
     let at = |x: i32, y: i32| (f64::from(x) * pitch + gap, f64::from(y) * pitch + gap);
@@ -81,7 +81,7 @@ fn april_grid(
     pattern
 }
 
-const fn filled(x: f64, y: f64, edge: f64) -> Black {
+const fn black_square(x: f64, y: f64, edge: f64) -> Black {
     Black {
         x,
         y,
@@ -99,13 +99,13 @@ impl Pattern {
         size: f64,
         at: impl Fn(i32, i32) -> (f64, f64),
     ) {
-        let Some(layout) = Layout::of(board) else {
+        let Some(layout) = Layout::from_board(board) else {
             return;
         };
         for id in 0..board.tag_count() {
             if let Some(cell) = layout.cell(id) {
                 let (x, y) = at(cell.x, cell.y);
-                self.add_tag((family, id), board.has_turned_tags(), size, (x, y));
+                self.add_tag((family, id), board.has_rotated_tags(), size, (x, y));
             }
         }
     }
@@ -114,12 +114,12 @@ impl Pattern {
     fn add_tag(
         &mut self,
         (family, id): (Family, u32),
-        turned: bool,
+        rotated: bool,
         size: f64,
         (left, top): (f64, f64),
     ) {
         let n = family.modules();
-        let is_white = |x: u32, y: u32| match turned {
+        let is_white = |x: u32, y: u32| match rotated {
             true => family.is_white(id, n - 1 - x, n - 1 - y),
             false => family.is_white(id, x, y),
         };

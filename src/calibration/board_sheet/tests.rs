@@ -1,15 +1,14 @@
-#![allow(clippy::unwrap_used)]
 use super::*;
 use crate::intrinsics::Grey;
 use crate::intrinsics::detect::{Placement, find_chessboard};
 use crate::intrinsics::tag_finder::TagFinder;
 
 fn sheet() -> BoardSheet {
-    BoardSheet::of(&Board::parse("chess:9x6:0.025").unwrap())
+    BoardSheet::from_board(&Board::parse("chess:9x6:0.025").unwrap())
 }
 
 #[test]
-fn what_is_drawn_is_found_where_it_was_drawn() {
+fn corners_are_detected_at_printed_positions() {
     let (pixels, width, height) = sheet().raster(100).unwrap();
     let picture = Grey::from_bytes(width as usize, height as usize, &pixels);
     let found = find_chessboard(&picture, 9, 6).unwrap();
@@ -17,7 +16,7 @@ fn what_is_drawn_is_found_where_it_was_drawn() {
         (found.placement, found.corners.len()),
         (Placement::Known, 54)
     );
-    // The first corner is a margin and a square in: 37.5 mm at 100 dpi.
+    // Margin and square put the first corner at 37.5 mm.
     let dots = 100.0 / 0.0254;
     for (&(i, j), p) in &found.corners {
         let x = (0.0375 + 0.025 * f64::from(i)) * dots - 0.5;
@@ -30,7 +29,7 @@ fn what_is_drawn_is_found_where_it_was_drawn() {
 }
 
 #[test]
-fn the_pdf_says_its_size_and_its_table_is_right() {
+fn pdf_has_true_size_and_valid_cross_reference_table() {
     let pdf = sheet().pdf();
     let text = String::from_utf8(pdf).unwrap();
     // 10 squares and two margins of 12.5 mm: 275 mm.
@@ -47,8 +46,8 @@ fn the_pdf_says_its_size_and_its_table_is_right() {
         .unwrap();
     assert!(text[table..].starts_with("xref\n"));
     for (i, line) in text[table..].lines().skip(3).take(5).enumerate() {
-        let place: usize = line[..10].parse().unwrap();
-        assert!(text[place..].starts_with(&format!("{} 0 obj", i + 1)));
+        let offset: usize = line[..10].parse().unwrap();
+        assert!(text[offset..].starts_with(&format!("{} 0 obj", i + 1)));
     }
     let stream = text
         .split_once("stream\n")
@@ -62,7 +61,7 @@ fn the_pdf_says_its_size_and_its_table_is_right() {
 }
 
 #[test]
-fn what_cannot_be_drawn_is_said() {
+fn raster_of_impossible_size_is_an_error() {
     assert!(matches!(
         sheet().raster(100_000),
         Err(SheetError::TooLarge { .. })
@@ -71,13 +70,12 @@ fn what_cannot_be_drawn_is_said() {
         sheet().raster(0),
         Err(SheetError::TooLarge { .. })
     ));
-    let small = BoardSheet::of(&Board::parse("chess:3x3:0.005").unwrap());
-    assert!(small.words.contains("20 mm long"));
+    let small = BoardSheet::from_board(&Board::parse("chess:3x3:0.005").unwrap());
+    assert!(small.caption.contains("20 mm long"));
 }
 
-/// Drawn, looked at, and every point where it was drawn.
 #[test]
-fn boards_of_tags_are_found_where_they_were_drawn() {
+fn tag_boards_are_detected_at_printed_positions() {
     for (text, tags, first) in [
         (
             "aprilgrid:3x2:0.03:0.3",
@@ -89,18 +87,22 @@ fn boards_of_tags_are_found_where_they_were_drawn() {
         ("charuco:4x5:0.03:0.024:tag36h11", 10, (0.015, 0.015)),
     ] {
         let board = Board::parse(text).unwrap();
-        let (pixels, width, height) = BoardSheet::of(&board).raster(200).unwrap();
+        let (pixels, width, height) = BoardSheet::from_board(&board).raster(200).unwrap();
         let picture = Grey::from_bytes(width as usize, height as usize, &pixels);
-        let seen = TagFinder::new(&board).unwrap().find(&picture);
+        let found = TagFinder::new(&board).unwrap().find(&picture);
         assert_eq!(
-            (seen.tags, seen.points.len()),
+            (found.tags, found.points.len()),
             (tags, board.point_count()),
             "{text}"
         );
         let dots = 200.0 / 0.0254;
-        for c in seen.points {
-            let drawn = (c.point + glam::DVec2::from(first)) * dots - 0.5;
-            assert!(c.pixel.distance(drawn) < 0.8, "{text} {} {drawn}", c.pixel);
+        for c in found.points {
+            let expected = (c.point + glam::DVec2::from(first)) * dots - 0.5;
+            assert!(
+                c.pixel.distance(expected) < 0.8,
+                "{text} {} {expected}",
+                c.pixel
+            );
         }
     }
 }

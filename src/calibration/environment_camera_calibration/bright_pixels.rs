@@ -208,7 +208,6 @@ fn merged(mut lights: Vec<Light>) -> Vec<Light> {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
 
     fn picture(light: impl Fn(DVec2) -> f64) -> Picture {

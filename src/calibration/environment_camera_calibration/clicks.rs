@@ -97,7 +97,6 @@ fn pair(line: &str) -> Option<Click> {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
 
     #[test]

@@ -174,7 +174,6 @@ pub(super) fn determined_rotation(pairs: &[(DVec3, DVec3, f64)]) -> Option<DQuat
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
 
     fn beam(x: f64, y: f64, z: f64, radius: f64) -> LightDirection {

@@ -205,7 +205,6 @@ impl Mirror<'_> {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
     use crate::environment_camera_calibration::light_directions::mirrored;
 

@@ -103,7 +103,7 @@ fn is_in_picture(pixel: DVec2) -> bool {
 fn pose(n: u32) -> RigidTransform {
     let around = DVec2::from_angle(TAU * f64::from(n) / f64::from(VIEWS));
     let rotation = DQuat::from_axis_angle(around.extend(0.0), TILT);
-    // Every position differs from the tilt's direction, so that no two views are alike.
+    // Every position differs from the tilt's direction, so that no two views are similar.
     let position = DVec2::from_angle(5.0 * TAU * f64::from(n) / f64::from(VIEWS));
     let distance = 0.32 + 0.02 * f64::from(n % 3);
     let centre = DVec3::new(0.07 * position.x, 0.04 * position.y, distance);

@@ -1,16 +1,16 @@
 //! Typed access to a document, with the path and line of each value for messages.
 
 use super::yaml::{Kind, Value};
-use super::{ExchangeError, Result};
+use super::{FormatError, Result};
 use glam::DVec2;
 use penumbra_camera::{Lens, LensModel};
 
 /// Maximum magnitude of a camera parameter.
-const LARGEST: f64 = 1e6;
+const MAX_PARAMETER: f64 = 1e6;
 /// Maximum width and height, pixels.
-const MOST_PIXELS: f64 = 65_536.0;
+const MAX_PIXELS: f64 = 65_536.0;
 
-/// A mapping and its path.
+/// A mapping of the document and its path from the root.
 pub(super) struct Fields<'a> {
     entries: &'a [(String, Value)],
     path: String,
@@ -23,7 +23,7 @@ impl<'a> Fields<'a> {
                 entries,
                 path: String::new(),
             }),
-            _ => Err(ExchangeError::Unknown),
+            _ => Err(FormatError::Unknown),
         }
     }
 
@@ -43,15 +43,15 @@ impl<'a> Fields<'a> {
         }
     }
 
-    fn need(&self, key: &str, expected: &'static str) -> Result<&'a Value> {
-        self.find(key).ok_or_else(|| ExchangeError::Missing {
+    fn required(&self, key: &str, expected: &'static str) -> Result<&'a Value> {
+        self.find(key).ok_or_else(|| FormatError::Missing {
             key: self.key(key),
             expected,
         })
     }
 
-    pub fn wrong(&self, key: &str, expected: &'static str) -> ExchangeError {
-        ExchangeError::Wrong {
+    pub fn wrong(&self, key: &str, expected: &'static str) -> FormatError {
+        FormatError::Wrong {
             line: self.find(key).map_or(0, |v| v.line),
             key: self.key(key),
             expected,
@@ -59,7 +59,7 @@ impl<'a> Fields<'a> {
     }
 
     pub fn map(&self, key: &str, expected: &'static str) -> Result<Self> {
-        match &self.need(key, expected)?.kind {
+        match &self.required(key, expected)?.kind {
             Kind::Map(entries) => Ok(Self {
                 entries,
                 path: self.key(key),
@@ -69,18 +69,18 @@ impl<'a> Fields<'a> {
     }
 
     pub fn text(&self, key: &str, expected: &'static str) -> Result<&'a str> {
-        match &self.need(key, expected)?.kind {
+        match &self.required(key, expected)?.kind {
             Kind::Scalar(text) => Ok(text),
             _ => Err(self.wrong(key, expected)),
         }
     }
 
     pub fn numbers(&self, key: &str, expected: &'static str) -> Result<Vec<f64>> {
-        let Kind::List(values) = &self.need(key, expected)?.kind else {
+        let Kind::List(values) = &self.required(key, expected)?.kind else {
             return Err(self.wrong(key, expected));
         };
         let number = |v: &Value| match &v.kind {
-            Kind::Scalar(text) => text.parse().ok().filter(|x: &f64| x.abs() <= LARGEST),
+            Kind::Scalar(text) => text.parse().ok().filter(|x: &f64| x.abs() <= MAX_PARAMETER),
             _ => None,
         };
         values
@@ -90,12 +90,12 @@ impl<'a> Fields<'a> {
     }
 
     pub fn pixels(&self, key: &str) -> Result<u32> {
-        const EXPECTED: &str = "a whole number of pixels, 1 to 65536";
+        const EXPECTED: &str = "an integer number of pixels, 1 to 65536";
         let text = self.text(key, EXPECTED)?;
         // OpenCV sometimes writes integers as `640.`.
         let value: f64 = text.parse().map_err(|_| self.wrong(key, EXPECTED))?;
-        let whole = (1.0..=MOST_PIXELS).contains(&value) && value.fract() == 0.0;
-        whole
+        let is_valid = (1.0..=MAX_PIXELS).contains(&value) && value.fract() == 0.0;
+        is_valid
             .then_some(value as u32)
             .ok_or_else(|| self.wrong(key, EXPECTED))
     }
@@ -109,7 +109,7 @@ impl<'a> Fields<'a> {
         if data.len() == count as usize {
             Ok(data)
         } else {
-            Err(matrix.wrong("data", "as many numbers as rows times cols"))
+            Err(matrix.wrong("data", "a list of rows × cols numbers"))
         }
     }
 

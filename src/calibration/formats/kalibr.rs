@@ -1,7 +1,7 @@
 //! Kalibr's camchain YAML: pinhole cameras with radtan or equidistant distortion.
 
 use super::fields::Fields;
-use super::{ExchangeError, NamedLens, Result, numbers, with_coefficients};
+use super::{FormatError, NamedLens, Result, numbers, with_coefficients};
 use glam::DVec2;
 use penumbra_camera::{Lens, LensModel};
 use std::fmt::Write;
@@ -20,7 +20,7 @@ fn camera(name: &str, node: &Fields) -> Result<NamedLens> {
     if node.text("camera_model", "pinhole")? != "pinhole" {
         return Err(node.wrong(
             "camera_model",
-            "pinhole: omni, eucm and ds are not supported",
+            "pinhole (omni, eucm and ds are not supported)",
         ));
     }
     let model = match node.text("distortion_model", "radtan or equidistant")? {
@@ -38,8 +38,8 @@ fn camera(name: &str, node: &Fields) -> Result<NamedLens> {
         return Err(node.wrong("intrinsics", "fu, fv, pu, pv in pixels, fu and fv above 0"));
     }
     let size = node.numbers("resolution", "[width, height] in pixels")?;
-    let whole = |x: &f64| (1.0..=65_536.0).contains(x) && x.fract() == 0.0;
-    if size.len() != 2 || !size.iter().all(whole) {
+    let is_valid = |x: &f64| (1.0..=65_536.0).contains(x) && x.fract() == 0.0;
+    if size.len() != 2 || !size.iter().all(is_valid) {
         return Err(node.wrong("resolution", "[width, height] in pixels"));
     }
     let size = (size[0] as u32, size[1] as u32);
@@ -53,7 +53,7 @@ fn camera(name: &str, node: &Fields) -> Result<NamedLens> {
 pub(super) fn write(cameras: &[NamedLens]) -> Result<String> {
     let mut out = String::new();
     for (i, NamedLens { lens, .. }) in cameras.iter().enumerate() {
-        let inexpressible = |what| ExchangeError::Inexpressible {
+        let inexpressible = |what| FormatError::Inexpressible {
             dialect: "Kalibr",
             what,
         };

@@ -34,13 +34,13 @@ pub struct NamedLens {
     pub lens: Lens,
 }
 
-/// Why a file cannot be read or written. Each message names the place and the remedy.
+/// Errors of reading or writing a file. Each message names the place and the remedy.
 #[derive(Clone, Debug, Error, PartialEq, Eq)]
-pub enum ExchangeError {
+pub enum FormatError {
     /// The file is not valid in the supported subset of YAML.
     #[error("line {line}: {reason}")]
     Syntax {
-        /// From 1.
+        /// Line number, from 1.
         line: usize,
         /// The problem.
         reason: &'static str,
@@ -48,24 +48,24 @@ pub enum ExchangeError {
     /// A required key is missing.
     #[error("key `{key}` is missing; add it ({expected})")]
     Missing {
-        /// From the root.
+        /// Path of the key from the root.
         key: String,
-        /// What the value should be.
+        /// Required value.
         expected: &'static str,
     },
     /// A value has the wrong type or range.
     #[error("line {line}: `{key}` must be {expected}")]
     Wrong {
-        /// From 1.
+        /// Line number, from 1.
         line: usize,
-        /// From the root.
+        /// Path of the key from the root.
         key: String,
-        /// What the value should be.
+        /// Required value.
         expected: &'static str,
     },
-    /// The file is of none of the three dialects.
+    /// The file has none of the three dialects.
     #[error(
-        "no camera in it: expected OpenCV's camera_matrix, ROS's distortion_model or Kalibr's cam0"
+        "no camera found: expected OpenCV's camera_matrix, ROS's distortion_model or Kalibr's cam0"
     )]
     Unknown,
     /// The format cannot express the lens.
@@ -80,7 +80,7 @@ pub enum ExchangeError {
     },
 }
 
-type Result<T> = std::result::Result<T, ExchangeError>;
+type Result<T> = std::result::Result<T, FormatError>;
 
 /// Reads all cameras of a file in any of the three dialects. `size` is the pictures' size in
 /// pixels, used where the file has none (OpenCV's stereo files).
@@ -104,7 +104,7 @@ pub fn read(text: &str, size: Option<(u32, u32)>) -> Result<Vec<NamedLens>> {
 /// # Errors
 /// The format cannot express the lens.
 pub fn write(dialect: Dialect, cameras: &[NamedLens]) -> Result<String> {
-    let first = cameras.first().ok_or(ExchangeError::Unknown)?;
+    let first = cameras.first().ok_or(FormatError::Unknown)?;
     match dialect {
         Dialect::Opencv => Ok(opencv::write(first)),
         Dialect::Ros => Ok(ros::write(first)),
@@ -128,7 +128,8 @@ fn camera_matrix(lens: &Lens) -> [f64; 9] {
     [f.x, 0.0, c.x, 0.0, f.y, c.y, 0.0, 0.0, 1.0]
 }
 
-/// Returns the lens of a model with coefficients in the model's order; missing ones are zero.
+/// Returns `lens` with this model and these coefficients, in the model's order; missing ones are
+/// zero.
 fn with_coefficients(mut lens: Lens, model: LensModel, coefficients: &[f64]) -> Lens {
     lens.model = model;
     lens.coefficients = [0.0; 8];

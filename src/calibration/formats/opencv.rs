@@ -1,7 +1,7 @@
 //! OpenCV's FileStorage YAML, with the keys of its calibration samples.
 
 use super::fields::Fields;
-use super::{ExchangeError, NamedLens, Result, camera_matrix, numbers, with_coefficients};
+use super::{FormatError, NamedLens, Result, camera_matrix, numbers, with_coefficients};
 use penumbra_camera::LensModel;
 use std::fmt::Write;
 
@@ -14,12 +14,12 @@ const NAMES: [(&str, &str, &str); 4] = [
     ("M2", "D2", "right"),
 ];
 
-pub(super) fn read(root: &Fields, given: Option<(u32, u32)>) -> Result<Vec<NamedLens>> {
-    let size = match (root.find("image_width"), given) {
+pub(super) fn read(root: &Fields, default_size: Option<(u32, u32)>) -> Result<Vec<NamedLens>> {
+    let size = match (root.find("image_width"), default_size) {
         (None, Some(size)) => size,
         _ => (root.pixels("image_width")?, root.pixels("image_height")?),
     };
-    // As OpenCV's camera_calibration sample writes it.
+    // Key of OpenCV's camera_calibration sample.
     let fisheye =
         root.find("fisheye_model").is_some() && root.text("fisheye_model", "0 or 1")? != "0";
     let mut out = Vec::new();
@@ -33,12 +33,12 @@ pub(super) fn read(root: &Fields, given: Option<(u32, u32)>) -> Result<Vec<Named
             (true, 4) => LensModel::KannalaBrandt,
             (false, 4 | 5) => LensModel::Brown,
             (false, 8) => LensModel::BrownRational,
-            // Coefficients of thin prisms and a tilted sensor are accepted if they are zero.
+            // Coefficients of thin prisms and of a tilted sensor are accepted if they are zero.
             (false, 12 | 14) if k[8..].iter().all(|x| *x == 0.0) => LensModel::BrownRational,
             _ => {
                 return Err(root.wrong(
                     coefficients,
-                    "4, 5 or 8 coefficients (4 of a fisheye); thin prisms are not supported",
+                    "4, 5 or 8 coefficients (4 for a fisheye); thin-prism terms are not supported",
                 ));
             }
         };
@@ -48,7 +48,7 @@ pub(super) fn read(root: &Fields, given: Option<(u32, u32)>) -> Result<Vec<Named
         });
     }
     if out.is_empty() {
-        return Err(ExchangeError::Unknown);
+        return Err(FormatError::Unknown);
     }
     Ok(out)
 }

@@ -19,8 +19,8 @@ pub(super) fn read(root: &Fields) -> Result<NamedLens> {
         Some(_) => root.text("camera_name", "a name")?.to_owned(),
         None => "camera".to_owned(),
     };
-    let said = root.text("distortion_model", EXPECTED)?;
-    let model = MODELS.iter().find(|(_, name)| *name == said);
+    let model_name = root.text("distortion_model", EXPECTED)?;
+    let model = MODELS.iter().find(|(_, name)| *name == model_name);
     let &(model, _) = model.ok_or_else(|| root.wrong("distortion_model", EXPECTED))?;
     let lens = root.lens("camera_matrix", size)?;
     let k = root.matrix("distortion_coefficients")?;

@@ -1,12 +1,12 @@
 //! The subset of YAML in which camera parameters are written: block mappings and lists, flow
 //! mappings and lists over several lines, quoted and plain scalars, comments, tags (skipped).
-//! Strict: other features of YAML (anchors, multi-line texts, several documents) are errors that
+//! Strict: other features of YAML (anchors, multi-line scalars, several documents) are errors that
 //! name their line.
 //!
-//! A parser of our own, because OpenCV writes `%YAML:1.0`, which is not a valid YAML directive, so
-//! that a general parser would need a corrected text; and because errors must name line and key.
+//! No general YAML parser is used, because OpenCV writes `%YAML:1.0`, which is not a valid
+//! directive, and because errors must name line and key.
 
-use super::ExchangeError;
+use super::FormatError;
 
 /// A value and the line on which it begins.
 #[derive(Clone, Debug, PartialEq)]
@@ -23,9 +23,9 @@ pub(super) enum Kind {
 }
 
 /// Maximum length of a file, bytes.
-const LONGEST: usize = 1 << 20;
+const MAX_BYTES: usize = 1 << 20;
 /// Maximum nesting depth.
-const DEEPEST: usize = 16;
+const MAX_DEPTH: usize = 16;
 
 struct Line<'a> {
     number: usize,
@@ -33,16 +33,19 @@ struct Line<'a> {
     text: &'a str,
 }
 
-type Result<T> = std::result::Result<T, ExchangeError>;
+type Result<T> = std::result::Result<T, FormatError>;
 
-fn broken(line: usize, reason: &'static str) -> ExchangeError {
-    ExchangeError::Syntax { line, reason }
+fn syntax_error(line: usize, reason: &'static str) -> FormatError {
+    FormatError::Syntax { line, reason }
 }
 
 /// Parses a document.
 pub(super) fn parse(text: &str) -> Result<Value> {
-    if text.len() > LONGEST {
-        return Err(broken(1, "longer than 1 MiB: no camera's parameters"));
+    if text.len() > MAX_BYTES {
+        return Err(syntax_error(
+            1,
+            "longer than 1 MiB; not a file of camera parameters",
+        ));
     }
     let mut lines = Vec::new();
     for (i, raw) in text.lines().enumerate() {
@@ -62,12 +65,12 @@ pub(super) fn parse(text: &str) -> Result<Value> {
         }
     }
     let mut reader = Reader { lines, next: 0 };
-    let indent = reader.lines.first().ok_or(broken(1, "empty"))?.indent;
+    let indent = reader.lines.first().ok_or(syntax_error(1, "empty"))?.indent;
     let value = reader.block(indent, 0)?;
     match reader.lines.get(reader.next) {
-        Some(line) => Err(broken(
+        Some(line) => Err(syntax_error(
             line.number,
-            "indented otherwise than what is before it",
+            "indentation differs from the lines before",
         )),
         None => Ok(value),
     }
@@ -96,11 +99,11 @@ struct Reader<'a> {
 impl<'a> Reader<'a> {
     fn block(&mut self, indent: usize, depth: usize) -> Result<Value> {
         let Some(first) = self.lines.get(self.next) else {
-            return Err(broken(0, "a value is missing at the end"));
+            return Err(syntax_error(0, "missing value at the end"));
         };
         let line = first.number;
-        if depth > DEEPEST {
-            return Err(broken(line, "nested too deeply"));
+        if depth > MAX_DEPTH {
+            return Err(syntax_error(line, "nested too deeply"));
         }
         let is_list = first.text == "-" || first.text.starts_with("- ");
         let kind = if is_list {
@@ -115,9 +118,10 @@ impl<'a> Reader<'a> {
         let mut entries: Vec<(String, Value)> = Vec::new();
         while let Some(line) = self.lines.get(self.next).filter(|l| l.indent == indent) {
             let (number, text) = (line.number, line.text);
-            let (key, rest) = split_key(text).ok_or(broken(number, "expected `key: value`"))?;
+            let (key, rest) =
+                split_key(text).ok_or(syntax_error(number, "expected `key: value`"))?;
             if entries.iter().any(|(k, _)| k == key) {
-                return Err(broken(number, "this key is there already"));
+                return Err(syntax_error(number, "duplicate key"));
             }
             self.next += 1;
             let value = self.value(number, rest, indent, depth)?;
@@ -168,16 +172,19 @@ impl<'a> Reader<'a> {
             let mut text = rest.to_owned();
             while !is_closed(&text) {
                 let Some(more) = self.lines.get(self.next) else {
-                    return Err(broken(line, "a bracket is not closed"));
+                    return Err(syntax_error(line, "unclosed bracket"));
                 };
                 text.push(' ');
                 text.push_str(more.text);
                 self.next += 1;
             }
-            return Flow { line, rest: &text }.whole();
+            return Flow { line, rest: &text }.parse();
         }
         if rest.starts_with(['&', '*', '|', '>']) {
-            return Err(broken(line, "anchors and multi-line texts are not read"));
+            return Err(syntax_error(
+                line,
+                "anchors and multi-line scalars are not supported",
+            ));
         }
         Ok(scalar(line, unquoted(rest)))
     }
@@ -199,7 +206,7 @@ fn split_key(text: &str) -> Option<(&str, &str)> {
     (!key.is_empty()).then_some((key, &text[at + 1..]))
 }
 
-/// Removes a tag such as `!!opencv-matrix`, which adds nothing to the keys.
+/// Removes a tag such as `!!opencv-matrix`: the keys suffice.
 fn without_tag(text: &str) -> &str {
     if text.starts_with('!') {
         text.split_once(' ')
@@ -226,18 +233,21 @@ struct Flow<'a> {
 }
 
 impl Flow<'_> {
-    fn whole(mut self) -> Result<Value> {
+    fn parse(mut self) -> Result<Value> {
         let value = self.value(0)?;
         if self.rest.trim().is_empty() {
             Ok(value)
         } else {
-            Err(broken(self.line, "something follows the closing bracket"))
+            Err(syntax_error(
+                self.line,
+                "unexpected text after the closing bracket",
+            ))
         }
     }
 
     fn value(&mut self, depth: usize) -> Result<Value> {
-        if depth > DEEPEST {
-            return Err(broken(self.line, "nested too deeply"));
+        if depth > MAX_DEPTH {
+            return Err(syntax_error(self.line, "nested too deeply"));
         }
         self.rest = self.rest.trim_start();
         let kind = if self.eat('[') {
@@ -250,10 +260,10 @@ impl Flow<'_> {
         } else if self.eat('{') {
             let mut entries = Vec::new();
             while !self.eat('}') {
-                let (key, rest) = self
-                    .rest
-                    .split_once(':')
-                    .ok_or(broken(self.line, "expected `key: value` between braces"))?;
+                let (key, rest) = self.rest.split_once(':').ok_or(syntax_error(
+                    self.line,
+                    "expected `key: value` between braces",
+                ))?;
                 let key = unquoted(key.trim()).to_owned();
                 self.rest = rest;
                 entries.push((key, self.value(depth + 1)?));
@@ -279,7 +289,10 @@ impl Flow<'_> {
             self.rest = self.rest.trim_start();
             Ok(())
         } else {
-            Err(broken(self.line, "expected a comma or the closing bracket"))
+            Err(syntax_error(
+                self.line,
+                "expected a comma or the closing bracket",
+            ))
         }
     }
 

@@ -1,4 +1,3 @@
-#![allow(clippy::unwrap_used, clippy::panic)]
 use super::model::Mounting;
 use super::*;
 use glam::{DQuat, DVec3};

@@ -1,6 +1,5 @@
 //! Tests with simulated rigs: poses as found in pictures, and tracker readings.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 use super::mounting::MountingOptions;
 use super::pose_finder::CameraPose;
 use super::*;

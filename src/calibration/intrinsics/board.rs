@@ -47,7 +47,7 @@ pub enum Board {
     },
 }
 
-/// Why a text does not describe a board.
+/// Errors of parsing a board.
 #[derive(Clone, Debug, Error, PartialEq, Eq)]
 pub enum BoardError {
     /// The text has the wrong form.
@@ -58,13 +58,13 @@ pub enum BoardError {
          or charuco:8x5:0.03:0.022:4x4_50"
     )]
     Unreadable {
-        /// As typed.
+        /// The text.
         text: String,
     },
     /// The tag family is unknown.
     #[error("board `{text}`: {reason}")]
     Tags {
-        /// As typed.
+        /// The text.
         text: String,
         /// The known families.
         reason: UnknownFamily,
@@ -72,7 +72,7 @@ pub enum BoardError {
     /// A number is out of range.
     #[error("board `{text}`: {reason}")]
     Impossible {
-        /// As typed.
+        /// The text.
         text: String,
         /// The number and its valid range.
         reason: &'static str,
@@ -80,7 +80,7 @@ pub enum BoardError {
 }
 
 /// Maximum number of rows or columns.
-const MOST: u32 = 100;
+const MAX_COUNT: u32 = 100;
 
 impl Board {
     /// Parses a board, e.g. `chess:9x6:0.025`.
@@ -116,7 +116,7 @@ impl Board {
                 rows,
                 square,
                 marker,
-                family: family.unwrap_or(usual_dictionary(columns.saturating_mul(rows) / 2)),
+                family: family.unwrap_or(default_dictionary(columns.saturating_mul(rows) / 2)),
             },
             _ => return Err(unreadable()),
         };
@@ -127,7 +127,7 @@ impl Board {
         Ok(board)
     }
 
-    /// Returns why no such board exists.
+    /// Checks that the numbers are in range; the error is the valid range.
     fn check(&self) -> Result<(), &'static str> {
         let ((columns, rows), edge) = match *self {
             Self::Chess {
@@ -145,24 +145,24 @@ impl Board {
                 ..
             } => ((columns, rows), square),
         };
-        let least = if matches!(self, Self::AprilGrid { .. }) {
+        let min = if matches!(self, Self::AprilGrid { .. }) {
             1
         } else {
             3
         };
-        if columns < least || rows < least || columns > MOST || rows > MOST {
+        if columns < min || rows < min || columns > MAX_COUNT || rows > MAX_COUNT {
             return Err("columns and rows must be 3 to 100 (an AprilGrid's 1 to 100)");
         }
         if !(edge > 0.0 && edge <= 2.0) {
-            return Err("sizes are in metres, above 0 and at most 2 (25 mm is 0.025)");
+            return Err("sizes must be in metres, above 0 and at most 2 (25 mm is 0.025)");
         }
         let numbers = self.family().map_or(0, Family::count);
         if self.tag_count() > numbers && self.family().is_some() {
-            return Err("there are more tags on it than in its dictionary; name a larger one");
+            return Err("the board has more tags than its dictionary; use a larger one");
         }
         match *self {
             Self::AprilGrid { gap, .. } if !(gap > 0.0 && gap < 2.0) => {
-                Err("the gap is a share of the tag, above 0 and below 2 (Kalibr's is 0.3)")
+                Err("the gap must be a share of the tag, above 0 and below 2 (Kalibr's is 0.3)")
             }
             Self::Charuco { square, marker, .. } if !(marker > 0.0 && marker < square) => {
                 Err("the marker must be smaller than its square")
@@ -180,10 +180,10 @@ impl Board {
         }
     }
 
-    /// Returns whether its tags are upside down: OpenCV stores the AprilTag codes rotated by 180° and
-    /// draws them so on its boards.
+    /// Returns whether its tags are upside down: OpenCV stores AprilTag codes rotated by 180° and
+    /// draws them rotated on its boards.
     #[must_use]
-    pub const fn has_turned_tags(&self) -> bool {
+    pub const fn has_rotated_tags(&self) -> bool {
         matches!(
             self,
             Self::Charuco {
@@ -223,14 +223,14 @@ impl Board {
     }
 }
 
-/// Returns the numbers after the counts, and the family's name if the last part is no number.
+/// Parses the lengths after the counts and, if there are three parts, the family.
 fn lengths_and_family<'a>(
     text: &str,
     parts: impl Iterator<Item = &'a str>,
 ) -> Result<(Vec<f64>, Option<Family>), BoardError> {
     let mut parts: Vec<&str> = parts.map(str::trim).collect();
-    let named = parts.len() == 3;
-    let family = parts.pop_if(|_| named).map(str::parse).transpose();
+    let has_family = parts.len() == 3;
+    let family = parts.pop_if(|_| has_family).map(str::parse).transpose();
     let family = family.map_err(|reason| BoardError::Tags {
         text: text.to_owned(),
         reason,
@@ -244,7 +244,7 @@ fn lengths_and_family<'a>(
 }
 
 /// Returns OpenCV's smallest 4×4 dictionary with at least this number of markers.
-fn usual_dictionary(markers: u32) -> Family {
+fn default_dictionary(markers: u32) -> Family {
     let sizes = [50, 100, 250].into_iter();
     let enough = |n: &u16| u32::from(*n) >= markers;
     Family::Aruco4x4({ sizes }.find(enough).unwrap_or(1000))
@@ -296,7 +296,7 @@ pub struct Correspondence {
 /// One picture of the board.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct View {
-    /// Name for messages: a file name or a time.
+    /// Name for messages: file name or time.
     pub name: String,
     /// The points, in any order.
     pub points: Vec<Correspondence>,

@@ -5,10 +5,7 @@ use super::pose::{by_pose, moved};
 use glam::DVec2;
 use penumbra_camera::{Lens, MAX_PARAMETERS};
 use penumbra_interface::RigidTransform;
-use penumbra_numerics::Matrix;
-
-/// Damping at which the minimisation stops.
-const MOST_DAMPING: f64 = 1e10;
+use penumbra_numerics::{Matrix, Stop, descend};
 
 /// Mapping from lens parameters to unknowns; parameters of the same unknown are equal.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -67,7 +64,7 @@ impl Unknowns {
     }
 }
 
-/// The estimate: lens and poses.
+/// State of the minimisation: lens and poses.
 #[derive(Clone, Debug)]
 pub(super) struct State {
     pub lens: Lens,
@@ -86,7 +83,7 @@ pub(super) enum Loss {
 
 impl Loss {
     /// Returns cost and weight of a squared error.
-    fn of(self, square: f64) -> (f64, f64) {
+    fn cost_and_weight(self, square: f64) -> (f64, f64) {
         match self {
             Self::Squares => (square, 1.0),
             Self::Cauchy(s) => {
@@ -117,7 +114,7 @@ pub(super) struct Linearised {
 
 struct PoseBlock {
     own: Matrix,
-    /// Blocks between lens and pose.
+    /// Block between lens and pose.
     cross: Matrix,
     gradient: [f64; 6],
     lens_gradient: Vec<f64>,
@@ -133,27 +130,17 @@ pub(super) struct Reduced {
 
 impl Bundle<'_> {
     /// Minimises the cost from `state`; `None` if the cost of `state` is undefined.
-    pub fn minimise(&self, mut state: State, iterations: usize) -> Option<(State, Linearised)> {
-        let mut here = self.linearise(&state)?;
-        let mut damping = 1e-4;
-        for _ in 0..iterations {
-            let mut next = None;
-            while next.is_none() && damping < MOST_DAMPING {
-                next = self
-                    .stepped(&state, &here, damping)
-                    .and_then(|s| self.linearise(&s).map(|l| (s, l)))
-                    .filter(|(_, l)| l.cost.is_finite() && l.cost <= here.cost);
-                damping *= if next.is_some() { 0.1 } else { 10.0 };
-            }
-            damping = damping.max(1e-12);
-            let Some((s, l)) = next else { break };
-            let gain = here.cost - l.cost;
-            (state, here) = (s, l);
-            if gain <= 1e-10 * here.cost {
-                break;
-            }
-        }
-        Some((state, here))
+    pub fn minimise(&self, state: State, iterations: usize) -> Option<(State, Linearised)> {
+        let stop = Stop {
+            iterations,
+            min_gain: 1e-10,
+        };
+        descend(
+            state,
+            stop,
+            |state| self.linearise(state).map(|l| (l.cost, l)),
+            |state, at, damping| self.stepped(state, at, damping),
+        )
     }
 
     pub fn linearise(&self, state: &State) -> Option<Linearised> {
@@ -185,7 +172,7 @@ impl Bundle<'_> {
                     .lens
                     .project_with_derivatives(arm + state.poses[i].translation)?;
                 let error = p.pixel - c.pixel;
-                let (cost, weight) = self.loss.of(error.length_squared());
+                let (cost, weight) = self.loss.cost_and_weight(error.length_squared());
                 let by_pose = by_pose(&p.by_point, arm);
                 self.unknowns.gather(&p.by_parameter, &mut by_lens);
                 for axis in 0..2 {
@@ -194,9 +181,9 @@ impl Bundle<'_> {
                     out.lens.add_outer(weight, &row, &row);
                     block.cross.add_outer(weight, &row, &pose_row);
                     block.own.add_outer(weight, &pose_row, &pose_row);
-                    let pull = weight * error[axis];
-                    add_scaled(&mut block.lens_gradient, pull, &row);
-                    add_scaled(&mut block.gradient, pull, &pose_row);
+                    let weighted = weight * error[axis];
+                    add_scaled(&mut block.lens_gradient, weighted, &row);
+                    add_scaled(&mut block.gradient, weighted, &pose_row);
                 }
                 out.cost += cost;
                 out.points += 1;
@@ -216,15 +203,15 @@ impl Bundle<'_> {
         let lens = self.unknowns.stepped(&state.lens, &lens_step);
         let poses = state.poses.iter().zip(&at.poses).map(|(pose, block)| {
             let mut right = negative(&block.gradient);
-            let pulled = block.cross.transposed().times_vector(&lens_step);
-            add_scaled(&mut right, -1.0, &pulled);
+            let eliminated = block.cross.transposed().times_vector(&lens_step);
+            add_scaled(&mut right, -1.0, &eliminated);
             Some(moved(
                 *pose,
                 &damped(&block.own, damping).cholesky()?.solve(&right),
             ))
         });
-        let sensible = lens.focal.min_element() > 1.0 && lens.focal.max_element() < 1e6;
-        sensible.then_some(State {
+        let is_plausible = lens.focal.min_element() > 1.0 && lens.focal.max_element() < 1e6;
+        is_plausible.then_some(State {
             lens,
             poses: poses.collect::<Option<_>>()?,
         })
@@ -234,7 +221,7 @@ impl Bundle<'_> {
 impl Linearised {
     // ┌ [A  B][l]   [a]                                                                     ┐
     // │ [Bᵀ C][p] = [c]  ⇒  (A − B C⁻¹ Bᵀ) l = a − B C⁻¹ c,  C block-diagonal by view        │
-    // └ (Schur's complement; Triggs et al. 2000, section 6.1)                               ┘
+    // └ (Schur complement; Triggs et al. 2000, section 6.1)                                ┘
     pub fn reduced(&self, damping: f64) -> Option<Reduced> {
         let mut matrix = damped(&self.lens, damping);
         let mut gradient = vec![0.0; self.lens.rows()];
@@ -249,8 +236,8 @@ impl Linearised {
                 }
             }
             let mut share = block.lens_gradient.clone();
-            let pulled = block.cross.times_vector(&own.solve(&block.gradient));
-            add_scaled(&mut share, -1.0, &pulled);
+            let eliminated = block.cross.times_vector(&own.solve(&block.gradient));
+            add_scaled(&mut share, -1.0, &eliminated);
             add_scaled(&mut gradient, 1.0, &share);
             by_view.push(share);
         }

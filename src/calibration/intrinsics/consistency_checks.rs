@@ -1,9 +1,9 @@
-//! Consistency of a calibrated lens with the rig: detects swapped cameras, another picture size and
-//! another kind of lens.
+//! Checks the consistency of a calibrated lens with the rig: swapped cameras, another picture size,
+//! another lens model.
 
 use super::estimate::Options;
-use super::finding::Finding;
-use super::gather::Outcome;
+use super::findings::Finding;
+use super::view_collector::Outcome;
 use crate::step::CameraRole;
 use penumbra_camera::EnvironmentView;
 use penumbra_camera::LensModel;
@@ -11,14 +11,14 @@ use penumbra_rig_model::Grade;
 use penumbra_rig_model::RigDocument;
 
 /// Maximum relative difference of focal lengths that may belong to the same lens.
-const SAME_LENS: f64 = 0.03;
+const MAX_SAME_LENS: f64 = 0.03;
 /// Minimum relative difference of focal lengths that belong to different lenses.
-const OTHER_LENS: f64 = 0.15;
+const MIN_OTHER_LENS: f64 = 0.15;
 
 /// A camera's lens in the rig's present calibration.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct KnownLens {
-    /// Width and height of its pictures.
+    /// Width and height of its pictures, pixels.
     pub size: (u32, u32),
     /// Focal length, pixels or (fisheye) pixels per radian.
     pub focal: f64,
@@ -38,7 +38,7 @@ pub struct KnownLenses {
 impl KnownLenses {
     /// Returns the lenses of a rig.
     #[must_use]
-    pub fn of(rig: &RigDocument) -> Self {
+    pub fn from_rig(rig: &RigDocument) -> Self {
         let pinhole = |camera: &penumbra_camera::PinholeCamera| KnownLens {
             size: (camera.width, camera.height),
             focal: camera.focal.x,
@@ -61,46 +61,48 @@ impl KnownLenses {
 
     /// Returns the lens of one camera.
     #[must_use]
-    pub const fn of_eye(&self, eye: CameraRole) -> Option<KnownLens> {
-        match eye {
+    pub const fn lens(&self, camera: CameraRole) -> Option<KnownLens> {
+        match camera {
             CameraRole::Scene => self.scene,
             CameraRole::Environment => self.environment,
         }
     }
 }
 
-const fn other(eye: CameraRole) -> CameraRole {
-    match eye {
+const fn other_role(camera: CameraRole) -> CameraRole {
+    match camera {
         CameraRole::Scene => CameraRole::Environment,
         CameraRole::Environment => CameraRole::Scene,
     }
 }
 
-/// Returns the contradictions between the rig and the `outcome` of the camera `eye`.
+/// Returns the inconsistencies between the rig's lenses and the `outcome` of a calibration of
+/// `camera`.
 #[must_use]
-pub fn contradictions(
+pub fn inconsistencies(
     outcome: &Outcome,
-    said: &KnownLenses,
-    eye: CameraRole,
+    present: &KnownLenses,
+    camera: CameraRole,
     options: &Options,
 ) -> Vec<(Grade, Finding)> {
-    let (Some(result), Some(this)) = (&outcome.result, said.of_eye(eye)) else {
+    let (Some(result), Some(this)) = (&outcome.result, present.lens(camera)) else {
         return Vec::new();
     };
     let lens = &result.estimate.lens;
     let size = (lens.width, lens.height);
-    let others = said.of_eye(other(eye));
+    let other = present.lens(other_role(camera));
     let focal = (lens.focal.x * lens.focal.y).sqrt();
-    let off = |said: KnownLens| (focal / said.focal - 1.0).abs();
+    let difference = |lens: KnownLens| (focal / lens.focal - 1.0).abs();
     let mut found = Vec::new();
-    let is_others = others.is_some_and(|o| {
+    let is_other_camera = other.is_some_and(|o| {
         let by_size = o.size == size && this.size != size;
-        let by_focal = o.size == size && off(o) < SAME_LENS && off(this) > OTHER_LENS;
+        let by_focal =
+            o.size == size && difference(o) < MAX_SAME_LENS && difference(this) > MIN_OTHER_LENS;
         by_size || by_focal
     });
-    if is_others {
-        let (said, seen) = (eye.name(), other(eye).name());
-        found.push((Grade::Refused, Finding::OtherCamera { said, seen }));
+    if is_other_camera {
+        let (given, seen) = (camera.name(), other_role(camera).name());
+        found.push((Grade::Refused, Finding::OtherCamera { given, seen }));
     } else if this.size != size {
         found.push((
             Grade::Usable,
@@ -119,52 +121,51 @@ pub fn contradictions(
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
-    use crate::intrinsics::estimate::tests::{pinhole, poses, seen};
-    use crate::intrinsics::{Board, Gatherer};
+    use crate::intrinsics::estimate::tests::{pinhole, poses, simulated_views};
+    use crate::intrinsics::{Board, ViewCollector};
     use penumbra_numerics::Random;
 
     #[test]
-    fn swapped_cameras_modes_and_lenses_are_reported() {
+    fn reports_swapped_cameras_other_mode_and_other_model() {
         let lens = pinhole();
-        let mut gatherer = Gatherer::new(Board::parse("chess:9x6:0.025").unwrap());
-        for view in seen(&lens, &poses(12, 0.4, 0.3, 5), 0.15, &mut Random::new(2)) {
-            gatherer.offer_points("", (lens.width, lens.height), view.points);
+        let mut collector = ViewCollector::new(Board::parse("chess:9x6:0.025").unwrap());
+        for view in simulated_views(&lens, &poses(12, 0.4, 0.3, 5), 0.15, &mut Random::new(2)) {
+            collector.add_points("", (lens.width, lens.height), view.points);
         }
         let options = Options {
             model: LensModel::Brown,
             square_pixels: true,
         };
-        let outcome = gatherer.finish(&options);
-        let said = |size, focal, fisheye| KnownLens {
+        let outcome = collector.finish(&options);
+        let known = |size, focal, fisheye| KnownLens {
             size,
             focal,
             fisheye,
         };
-        let true_one = said((lens.width, lens.height), lens.focal.x, false);
-        let told = |scene, environment| {
+        let correct = known((lens.width, lens.height), lens.focal.x, false);
+        let findings = |scene, environment| {
             let lenses = KnownLenses {
                 scene: Some(scene),
                 environment,
             };
-            contradictions(&outcome, &lenses, CameraRole::Scene, &options)
+            inconsistencies(&outcome, &lenses, CameraRole::Scene, &options)
         };
-        assert_eq!(told(true_one, None), []);
-        let other = said((lens.width, lens.height), 0.6 * lens.focal.x, false);
+        assert_eq!(findings(correct, None), []);
+        let other = known((lens.width, lens.height), 0.6 * lens.focal.x, false);
         let swapped = Finding::OtherCamera {
-            said: "scene",
+            given: "scene",
             seen: "environment",
         };
         let refused = |finding: Finding| [(Grade::Refused, finding)];
-        assert_eq!(told(other, Some(true_one)), refused(swapped.clone()));
-        let small = said((320, 240), 300.0, false);
-        assert_eq!(told(small, Some(true_one)), refused(swapped));
+        assert_eq!(findings(other, Some(correct)), refused(swapped.clone()));
+        let small = known((320, 240), 300.0, false);
+        assert_eq!(findings(small, Some(correct)), refused(swapped));
         let (width, height) = small.size;
         let mode = Finding::OtherMode { width, height };
-        assert_eq!(told(small, None), [(Grade::Usable, mode)]);
-        let fisheye = said((lens.width, lens.height), lens.focal.x, true);
+        assert_eq!(findings(small, None), [(Grade::Usable, mode)]);
+        let fisheye = known((lens.width, lens.height), lens.focal.x, true);
         let model = Finding::OtherModel { model: "fisheye" };
-        assert_eq!(told(fisheye, None), refused(model));
+        assert_eq!(findings(fisheye, None), refused(model));
     }
 }

@@ -1,5 +1,5 @@
-//! Quality of the views: coverage of the picture by corners, tilt of the board, and the lens's
-//! uncertainty in each part of the picture.
+//! Quality of the views: coverage of the picture by corners, tilt of the board, and uncertainty of
+//! the lens in each part of the picture.
 
 use super::estimate::{Estimate, ViewEstimate};
 use super::rim::{Light, deviation};
@@ -25,20 +25,20 @@ pub struct Coverage {
 /// side, radians.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Tilt {
-    /// The paper faced leftwards in the picture.
+    /// Board facing left in the picture.
     pub left: f64,
-    /// Rightwards.
+    /// Board facing right.
     pub right: f64,
-    /// Upwards.
+    /// Board facing up.
     pub up: f64,
-    /// Downwards.
+    /// Board facing down.
     pub down: f64,
 }
 
 /// Standard deviation of a direction's pixel, caused by the lens's uncertainty, pixels.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Uncertainty {
-    /// At the centre of each cell ([`CELLS`]); `None` where the lens has no picture.
+    /// At the centre of each cell ([`CELLS`]); `None` outside the lens's picture.
     pub by_cell: Vec<Option<f64>>,
     /// Median over all cells.
     pub median: f64,
@@ -47,9 +47,9 @@ pub struct Uncertainty {
 }
 
 impl Coverage {
-    /// Computes the coverage by the points used. `light` bounds a fisheye's picture.
+    /// Computes the coverage by the points used. `light` determines the lit cells of a fisheye.
     #[must_use]
-    pub fn of(lens: &Lens, views: &[ViewEstimate], light: &Light) -> Self {
+    pub fn new(lens: &Lens, views: &[ViewEstimate], light: &Light) -> Self {
         let (columns, rows) = CELLS;
         let size = DVec2::new(f64::from(lens.width), f64::from(lens.height));
         let mut corners = vec![0_u32; columns * rows];
@@ -62,7 +62,7 @@ impl Coverage {
         let lit: Vec<bool> = (0..columns * rows)
             .map(|i| {
                 let middle = cell_middle(lens, i);
-                let by_light = light.falls_on((middle + 0.5) / size);
+                let by_light = light.is_lit((middle + 0.5) / size);
                 let fisheye = lens.model == LensModel::KannalaBrandt;
                 by_light
                     .filter(|_| fisheye)
@@ -78,9 +78,9 @@ impl Coverage {
         }
     }
 
-    /// Names the part of the picture that most needs corners; `None` if none does.
+    /// Returns the part of the picture with the fewest filled cells; `None` if all are half filled.
     #[must_use]
-    pub fn poorest_part(&self) -> Option<&'static str> {
+    pub fn least_covered_part(&self) -> Option<&'static str> {
         const NAMES: [&str; 9] = [
             "top left corner",
             "top",
@@ -107,62 +107,62 @@ impl Coverage {
                 filled as f64 / all as f64
             }
         };
-        let poorest = (0..9).min_by(|&a, &b| share(a).total_cmp(&share(b)))?;
-        (share(poorest) < 0.5).then_some(NAMES[poorest])
+        let least = (0..9).min_by(|&a, &b| share(a).total_cmp(&share(b)))?;
+        (share(least) < 0.5).then_some(NAMES[least])
     }
 }
 
 impl Tilt {
-    /// Of the views that were used.
+    /// Computes the tilt over the views used.
     #[must_use]
-    pub fn of(views: &[ViewEstimate]) -> Self {
+    pub fn from_views(views: &[ViewEstimate]) -> Self {
         let mut tilt = Self::default();
         for view in views.iter().filter(|v| v.used) {
             let Some(pose) = view.pose else { continue };
             let sight = pose.translation.normalize_or(DVec3::Z);
-            // The direction that the paper faces, without its component along the line of sight.
-            let faces = -(pose.rotation * DVec3::Z);
-            let aside = faces - sight * faces.dot(sight);
+            // The board's outward normal, without its component along the line of sight.
+            let normal = -(pose.rotation * DVec3::Z);
+            let lateral = normal - sight * normal.dot(sight);
             let angle = |component: f64| component.clamp(-1.0, 1.0).asin();
-            tilt.left = tilt.left.max(angle(-aside.x));
-            tilt.right = tilt.right.max(angle(aside.x));
-            tilt.up = tilt.up.max(angle(-aside.y));
-            tilt.down = tilt.down.max(angle(aside.y));
+            tilt.left = tilt.left.max(angle(-lateral.x));
+            tilt.right = tilt.right.max(angle(lateral.x));
+            tilt.up = tilt.up.max(angle(-lateral.y));
+            tilt.down = tilt.down.max(angle(lateral.y));
         }
         tilt
     }
 
-    /// The largest, to any side.
+    /// Returns the largest tilt towards any side, radians.
     #[must_use]
-    pub fn largest(&self) -> f64 {
+    pub fn max(&self) -> f64 {
         self.left.max(self.right).max(self.up).max(self.down)
     }
 
-    /// Returns the side to which the board was tilted least, if that tilt is too small.
+    /// Returns the side with the smallest tilt, if it is below 15°.
     #[must_use]
-    pub fn poorest_side(&self) -> Option<&'static str> {
+    pub fn least_tilted_side(&self) -> Option<&'static str> {
         let sides = [
             (self.left, "left"),
             (self.right, "right"),
             (self.up, "upwards"),
             (self.down, "downwards"),
         ];
-        let poorest = sides.into_iter().min_by(|a, b| a.0.total_cmp(&b.0))?;
-        (poorest.0 < 15_f64.to_radians()).then_some(poorest.1)
+        let least = sides.into_iter().min_by(|a, b| a.0.total_cmp(&b.0))?;
+        (least.0 < 15_f64.to_radians()).then_some(least.1)
     }
 }
 
 impl Uncertainty {
-    // ┌ A lens error that a small rotation of the camera compensates is harmless. An error Δ   ┐
+    // ┌ Lens errors that a small rotation of the camera compensates are harmless. An error Δ   ┐
     // │ of the lens moves all cells' pixels by J Δ; the part in the span of camera rotations R │
     // └ is removed, J' = J − R (RᵀR)⁻¹ Rᵀ J; then Σ_pixel = J' Σ J'ᵀ (cf. mrcal, 2021).        ┘
     /// Computes the lens's uncertainty in all parts of the picture.
     #[must_use]
-    pub fn of(estimate: &Estimate) -> Self {
+    pub fn from_estimate(estimate: &Estimate) -> Self {
         let lens = &estimate.lens;
         let radius = lit_radius(lens, &estimate.views);
         let n = estimate.unknowns.count();
-        let mut seen = Vec::new();
+        let mut projections = Vec::new();
         let mut gathered = vec![DVec2::ZERO; n];
         for cell in 0..CELLS.0 * CELLS.1 {
             let pixel = cell_middle(lens, cell);
@@ -173,18 +173,25 @@ impl Uncertainty {
                 .and_then(|ray| Some((ray, lens.project_with_derivatives(ray)?)));
             if let Some((ray, p)) = projection {
                 estimate.unknowns.gather(&p.by_parameter, &mut gathered);
-                let turns = super::pose::by_pose(&p.by_point, ray);
-                seen.push((cell, gathered.clone(), [turns[0], turns[1], turns[2]]));
+                let by_rotation = super::pose::by_pose(&p.by_point, ray);
+                projections.push((
+                    cell,
+                    gathered.clone(),
+                    [by_rotation[0], by_rotation[1], by_rotation[2]],
+                ));
             }
         }
-        let by_turn = best_turns(&seen, n);
+        let compensation = compensating_rotations(&projections, n);
         let mut by_cell = vec![None; CELLS.0 * CELLS.1];
-        for (cell, by_lens, turns) in &seen {
-            let left = |c: usize| {
-                let undone = by_turn[c];
-                by_lens[c] - turns[0] * undone.x - turns[1] * undone.y - turns[2] * undone.z
+        for (cell, by_lens, by_rotation) in &projections {
+            let remaining = |c: usize| {
+                let rotation = compensation[c];
+                by_lens[c]
+                    - by_rotation[0] * rotation.x
+                    - by_rotation[1] * rotation.y
+                    - by_rotation[2] * rotation.z
             };
-            let rows: Vec<DVec2> = (0..n).map(left).collect();
+            let rows: Vec<DVec2> = (0..n).map(remaining).collect();
             by_cell[*cell] = Some(deviation(&rows, &estimate.covariance));
         }
         let known = || by_cell.iter().copied().flatten();
@@ -197,20 +204,24 @@ impl Uncertainty {
 }
 
 /// Returns, for each unknown, the camera rotation that compensates most of its effect.
-fn best_turns(seen: &[(usize, Vec<DVec2>, [DVec2; 3])], n: usize) -> Vec<DVec3> {
+fn compensating_rotations(projections: &[(usize, Vec<DVec2>, [DVec2; 3])], n: usize) -> Vec<DVec3> {
     let mut normal = DMat3::ZERO;
     let mut right = vec![DVec3::ZERO; n];
-    for (_, by_lens, turns) in seen {
+    for (_, by_lens, by_rotation) in projections {
         for axis in 0..2 {
-            let row = DVec3::new(turns[0][axis], turns[1][axis], turns[2][axis]);
+            let row = DVec3::new(
+                by_rotation[0][axis],
+                by_rotation[1][axis],
+                by_rotation[2][axis],
+            );
             normal += DMat3::from_cols(row * row.x, row * row.y, row * row.z);
             for (slot, by) in right.iter_mut().zip(by_lens) {
                 *slot += row * by[axis];
             }
         }
     }
-    let solvable = normal.determinant().abs() > 1e-9;
-    let inverse = if solvable {
+    let is_solvable = normal.determinant().abs() > 1e-9;
+    let inverse = if is_solvable {
         normal.inverse()
     } else {
         DMat3::ZERO
@@ -218,8 +229,8 @@ fn best_turns(seen: &[(usize, Vec<DVec2>, [DVec2; 3])], n: usize) -> Vec<DVec3> 
     right.into_iter().map(|r| inverse * r).collect()
 }
 
-/// Returns the radius of the picture around the centre, pixels: everything for a pinhole; for a
-/// fisheye the inscribed circle, or as far as corners were seen.
+/// Returns the radius of the picture about the principal point, pixels: infinite for a pinhole; for
+/// a fisheye 0.9 of the inscribed circle's, or that of the outermost corner if larger.
 pub(super) fn lit_radius(lens: &Lens, views: &[ViewEstimate]) -> f64 {
     if lens.model != LensModel::KannalaBrandt {
         return f64::INFINITY;
@@ -235,6 +246,7 @@ fn used_points(views: &[ViewEstimate]) -> impl Iterator<Item = DVec2> + '_ {
     used.flat_map(|v| v.points.iter().filter(|p| p.used).map(|p| p.pixel))
 }
 
+/// Returns the pixel at the centre of a cell.
 pub(super) fn cell_middle(lens: &Lens, cell: usize) -> DVec2 {
     let (columns, rows) = CELLS;
     let at = DVec2::new((cell % columns) as f64 + 0.5, (cell / columns) as f64 + 0.5);

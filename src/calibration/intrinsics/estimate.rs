@@ -3,9 +3,9 @@
 
 use super::board::View;
 use super::bundle::{Bundle, Loss, State, Unknowns};
-use super::outliers::{LEAST_POINTS, drop_views, judge};
+use super::initial_estimate::initial_lens;
+use super::outliers::{MIN_POINTS, drop_views, inliers};
 use super::pose::{board_pose, residual};
-use super::start::start;
 use glam::DVec2;
 use penumbra_camera::{Lens, LensModel, MAX_PARAMETERS};
 use penumbra_interface::RigidTransform;
@@ -44,7 +44,7 @@ pub struct ViewEstimate {
     pub name: String,
     /// `camera_from_board`; `None` if it could not be computed.
     pub pose: Option<RigidTransform>,
-    /// Counted in the estimate.
+    /// The view is used in the estimate.
     pub used: bool,
     /// RMS reprojection error over its points used, pixels.
     pub rms: f64,
@@ -59,29 +59,27 @@ pub struct PointEstimate {
     pub pixel: DVec2,
     /// Predicted minus detected position, pixels.
     pub error: DVec2,
-    /// Counted in the estimate.
+    /// The point is used in the estimate.
     pub used: bool,
 }
 
-/// Why the views do not determine a lens.
+/// Reasons why the views give no lens.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum NoEstimate {
     /// Fewer views than the unknowns need.
-    #[error(
-        "{usable} usable views of the board; at least 3 are needed, 15 from all sides are good"
-    )]
+    #[error("only {usable} usable views of the board; take at least 3, better 15, from all sides")]
     TooFewViews {
         /// Views with enough points.
         usable: usize,
     },
     /// No lens fits the views.
     #[error(
-        "no lens explains the views: check the board's size and that all pictures are of one camera"
+        "no lens fits the views: check the board's size and that all pictures are of one camera"
     )]
     NoLens,
     /// A family of lenses fits the views equally well.
     #[error(
-        "the views do not tell the lens: tilt the board by 20 to 45 degrees, in several directions"
+        "the views do not determine the lens: tilt the board by 20 to 45 degrees, in several directions"
     )]
     Undetermined,
 }
@@ -98,7 +96,7 @@ pub fn estimate(
     estimate_some(size, views, options, options.model.coefficients().len())
 }
 
-/// As [`estimate`], with the model's first `coefficients` only; the others stay zero.
+/// Like [`estimate`], with only the first `coefficients` of the model; the others stay zero.
 pub(super) fn estimate_some(
     size: (u32, u32),
     views: &[View],
@@ -107,7 +105,7 @@ pub(super) fn estimate_some(
 ) -> Result<Estimate, NoEstimate> {
     let unknowns = Unknowns::new(options.square_pixels, true, coefficients);
     let mut chosen: Vec<usize> = (0..views.len())
-        .filter(|&i| views[i].points.len() >= LEAST_POINTS)
+        .filter(|&i| views[i].points.len() >= MIN_POINTS)
         .collect();
     if chosen.len() < 3 {
         return Err(NoEstimate::TooFewViews {
@@ -115,7 +113,7 @@ pub(super) fn estimate_some(
         });
     }
     let usable: Vec<View> = chosen.iter().map(|&i| views[i].clone()).collect();
-    let lens = start(options.model, size, &usable).ok_or(NoEstimate::NoLens)?;
+    let lens = initial_lens(options.model, size, &usable).ok_or(NoEstimate::NoLens)?;
     let (mut lens, mut poses) = search(&lens, views, &mut chosen, &unknowns, options)?;
     let mut used: Vec<Vec<bool>> = chosen
         .iter()
@@ -123,12 +121,12 @@ pub(super) fn estimate_some(
         .collect();
     let mut last = None;
     for _ in 0..5 {
-        let judged = judge(&lens, views, &chosen, &poses, &used);
-        let unchanged = judged == used;
+        let inliers = inliers(&lens, views, &chosen, &poses, &used);
+        let unchanged = inliers == used;
         if unchanged && last.is_some() {
             break;
         }
-        used = judged;
+        used = inliers;
         drop_views(&mut chosen, &mut poses, &mut used);
         if chosen.len() < 3 {
             return Err(NoEstimate::NoLens);
@@ -159,13 +157,13 @@ pub(super) fn estimate_some(
     })
 }
 
-/// Searches robustly in stages: the parameters that few views determine first, so that the
-/// coefficients of high powers start from a nearly correct lens.
+/// Minimises a robust cost in stages, first over the best-determined parameters, so that high-order
+/// coefficients start from a nearly correct lens.
 fn search(
     start: &Lens,
     views: &[View],
     chosen: &mut Vec<usize>,
-    whole: &Unknowns,
+    all: &Unknowns,
     options: &Options,
 ) -> Result<(Lens, Vec<RigidTransform>), NoEstimate> {
     chosen.retain(|&i| board_pose(start, &views[i].points).is_some());
@@ -190,7 +188,7 @@ fn search(
             0.005 * longer,
             Unknowns::new(options.square_pixels, true, 2),
         ),
-        (1.0, whole.clone()),
+        (1.0, all.clone()),
     ] {
         let bundle = Bundle {
             views: &kept,
@@ -204,22 +202,22 @@ fn search(
     Ok((state.lens, state.poses))
 }
 
-// ┌ Σ = σ² S⁻¹, σ² = Σ e² / (2 N − unknowns), S the normal matrix without the poses; and   ┐
+// ┌ Σ = σ² S⁻¹, σ² = Σ e² / (2 N − unknowns), S the reduced normal matrix; and             ┐
 // │ Σ' = S⁻¹ (Σ gᵢ gᵢᵀ) S⁻¹ over the views' gradients gᵢ (White 1980, clustered), which     │
-// └ also covers errors common to a view: a bent board, glare, blur.                       ┘
-/// Returns the covariance of the unknowns: for each the larger of both variances, with the
-/// correlations of the first.
+// └ also covers errors common to a view: a bent board, glare, blur.                        ┘
+/// Returns the covariance of the unknowns: the larger of both variances for each, with the
+/// correlations of Σ.
 fn covariance(at: &super::bundle::Linearised) -> Option<Matrix> {
     let reduced = at.reduced(0.0)?;
     let inverse = reduced.matrix.cholesky()?.inverse();
     let (n, views) = (inverse.rows(), reduced.by_view.len());
     let freedom = (2.0 * at.points as f64 - (n + 6 * views) as f64).max(1.0);
     let mut out = inverse.clone().scaled(at.cost / freedom);
-    let mut spread = Matrix::zeros(n, n);
+    let mut gradients = Matrix::zeros(n, n);
     for share in &reduced.by_view {
-        spread.add_outer(1.0, share, share);
+        gradients.add_outer(1.0, share, share);
     }
-    let clustered = inverse.times(&spread).times(&inverse);
+    let clustered = inverse.times(&gradients).times(&inverse);
     // The residuals of few views are smaller than their errors.
     let small = views as f64 / (views as f64 - 1.0).max(1.0);
     let widen: Vec<f64> = (0..n)

@@ -1,14 +1,14 @@
-//! From points of a plane to the rays under which they are seen.
+//! Homographies from points of a plane to viewing rays or pixels.
 
 use glam::{DMat3, DVec2, DVec3};
 use penumbra_interface::RigidTransform;
 use penumbra_numerics::{Matrix, null_vector};
 
-/// H of ray ∝ H (x, y, 1), by least squares over all pairs; its sign puts the points before
-/// the rays' origin. `None` from fewer than four, or from points on one line.
+/// Fits H in ray ∝ H (x, y, 1) by least squares over all pairs; its sign puts the points in front
+/// of the rays' origin. `None` for fewer than four or collinear points.
 ///
 /// ray × H (x, y, 1) = 0 is linear in H (Hartley & Zisserman 4.1) and holds for rays in any
-/// direction, beyond 90° from the axis too.
+/// direction, also beyond 90° from the axis.
 pub(crate) fn from_rays(pairs: &[(DVec2, DVec3)]) -> Option<DMat3> {
     if pairs.len() < 4 {
         return None;
@@ -37,16 +37,16 @@ pub(crate) fn from_rays(pairs: &[(DVec2, DVec3)]) -> Option<DMat3> {
         (-middle * scale).extend(1.0),
     );
     let h = rows * normalised;
-    let before = |&(point, ray): &(DVec2, DVec3)| ray.dot(h * point.extend(1.0)).signum();
-    let sign = pairs.iter().map(before).sum::<f64>().signum();
+    let side = |&(point, ray): &(DVec2, DVec3)| ray.dot(h * point.extend(1.0)).signum();
+    let sign = pairs.iter().map(side).sum::<f64>().signum();
     (h.determinant().abs() > 1e-300 && h.is_finite()).then(|| h * sign)
 }
 
-/// H of (pixel, 1) ∝ H (x, y, 1), by least squares in coordinates about the pixels' middle
-/// (Hartley & Zisserman 4.4): in the picture's own the noise would be weighed unevenly.
+/// Fits H in (pixel, 1) ∝ H (x, y, 1) by least squares in normalised pixel coordinates (Hartley &
+/// Zisserman 4.4), which weight the noise evenly.
 pub(super) fn from_pixels(pairs: &[(DVec2, DVec2)]) -> Option<DMat3> {
     let (middle, scale) = normalisation(pairs.iter().map(|p| p.1))?;
-    let near: Vec<(DVec2, DVec3)> = pairs
+    let normalised: Vec<(DVec2, DVec3)> = pairs
         .iter()
         .map(|(point, pixel)| (*point, ((*pixel - middle) * scale).extend(1.0)))
         .collect();
@@ -55,25 +55,25 @@ pub(super) fn from_pixels(pairs: &[(DVec2, DVec2)]) -> Option<DMat3> {
         DVec3::new(0.0, 1.0 / scale, 0.0),
         middle.extend(1.0),
     );
-    Some(back * from_rays(&near)?)
+    Some(back * from_rays(&normalised)?)
 }
 
-/// The middle of the points and one over their spread.
+/// Returns the centroid of the points, and the scale that makes their mean distance from it √2.
 fn normalisation(points: impl Iterator<Item = DVec2> + Clone) -> Option<(DVec2, f64)> {
     let count = points.clone().count().max(1) as f64;
     let middle = points.clone().sum::<DVec2>() / count;
-    let spread = points.map(|p| p.distance(middle)).sum::<f64>() / count;
-    (spread > 0.0).then(|| (middle, std::f64::consts::SQRT_2 / spread))
+    let mean_distance = points.map(|p| p.distance(middle)).sum::<f64>() / count;
+    (mean_distance > 0.0).then(|| (middle, std::f64::consts::SQRT_2 / mean_distance))
 }
 
-/// The pose `camera_from_board` that a homography to rays stands for.
+/// Decomposes a homography to rays into the pose `camera_from_board`.
 pub(super) fn pose(h: DMat3) -> Option<RigidTransform> {
     let scale = (h.x_axis.length() * h.y_axis.length()).sqrt();
     if !(scale > 0.0 && scale.is_finite()) {
         return None;
     }
     let h = h * (1.0 / scale);
-    // The nearest two perpendicular axes to those found.
+    // The perpendicular axes nearest to those of the homography.
     let (sum, difference) = (
         (h.x_axis.normalize() + h.y_axis.normalize()).try_normalize()?,
         (h.x_axis.normalize() - h.y_axis.normalize()).try_normalize()?,

@@ -5,24 +5,24 @@ use super::board::Board;
 use super::homography;
 use glam::{DMat3, DVec2, IVec2};
 
-/// A tag in a picture.
+/// A tag detected in a picture.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct SeenTag {
+pub struct DetectedTag {
     /// Its number within the family.
     pub id: u32,
-    /// Corners of its black border: top left, top right, bottom right, bottom left of the tag
-    /// as it is printed; pixels.
+    /// Corners of its black border: top left, top right, bottom right, bottom left of the tag as
+    /// printed; pixels.
     pub corners: [DVec2; 4],
 }
 
-/// Maximum distance of compared tags, grid steps; lens distortion prevents larger ones.
-const FARTHEST: i32 = 2;
+/// Maximum distance of compared tags, grid steps; limited by lens distortion.
+const MAX_DISTANCE: i32 = 2;
 /// Maximum deviation of a tag from its grid position, as a share of a step.
-const ON_GRID: f64 = 0.25;
+const MAX_DEVIATION: f64 = 0.25;
 /// Minimum share of neighbours that are consistent with the board.
-const AGREED: f64 = 0.75;
+const MIN_CONSISTENT: f64 = 0.75;
 /// Maximum number of columns of other boards that are tried.
-const MOST_COLUMNS: u32 = 40;
+const MAX_COLUMNS: u32 = 40;
 
 /// Assignment of tag numbers to a board's cells.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -31,16 +31,17 @@ pub struct Layout {
     pub columns: u32,
     /// Rows of cells.
     pub rows: u32,
-    /// Of a ChArUco board: the square at the top left is white and has the first marker, as
-    /// OpenCV before 4.6 drew boards with an even number of rows.
+    /// For a ChArUco board: the top left square is white and has the first marker, as OpenCV before
+    /// 4.6 laid out boards with an even number of rows.
     pub white_first: bool,
+    /// Every cell has a tag (AprilGrid).
     every_cell: bool,
 }
 
 impl Layout {
     /// Returns the board's default layout; `None` for a chessboard.
     #[must_use]
-    pub const fn of(board: &Board) -> Option<Self> {
+    pub const fn from_board(board: &Board) -> Option<Self> {
         let (columns, rows, every_cell) = match *board {
             Board::Chess { .. } => return None,
             Board::AprilGrid { columns, rows, .. } => (columns, rows, true),
@@ -56,14 +57,14 @@ impl Layout {
 
     /// Returns the alternative layout, if there is one.
     #[must_use]
-    pub fn other_way(self) -> Option<Self> {
+    pub fn alternative(self) -> Option<Self> {
         (!self.every_cell && self.rows.is_multiple_of(2)).then_some(Self {
             white_first: !self.white_first,
             ..self
         })
     }
 
-    /// Column and row, from the top left, of a tag's cell; `None` where it is not on the board.
+    /// Returns column and row of a tag's cell, from the top left; `None` if it is not on the board.
     #[must_use]
     pub fn cell(self, id: u32) -> Option<IVec2> {
         let cell = self.unbounded(id);
@@ -93,16 +94,17 @@ impl Layout {
 /// Comparison of a picture's tags with the board.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Fit {
-    /// The layout that they have: the one said, or the other way of drawing it.
+    /// The layout of the tags: the default or the alternative one.
     pub layout: Layout,
-    /// Pairs of neighbours that tell; without any nothing is known.
+    /// Number of pairs of neighbours that were compared; 0 leaves the layout unchecked.
     pub pairs: usize,
-    /// Where most pairs contradict what was said: in how many columns they would agree.
+    /// Number of columns with which most pairs are consistent, if they are not with the given
+    /// board.
     pub other_columns: Option<u32>,
     /// The tags are inconsistent with the board.
-    pub contradicts: bool,
-    /// Tags that lie as the layout says, or of which nothing is known.
-    pub tags: Vec<SeenTag>,
+    pub is_inconsistent: bool,
+    /// Tags consistent with the layout, and tags without neighbours.
+    pub tags: Vec<DetectedTag>,
 }
 
 /// Relative position of two tags, grid steps.
@@ -112,71 +114,80 @@ struct Pair {
     step: IVec2,
 }
 
-/// Which of the ways in which `board` may have been drawn the tags have. `usual` decides where
-/// they do not tell.
+/// Determines which of the two layouts of `board` the tags have; `default` if both fit equally.
 #[must_use]
-pub fn fit(board: &Board, tags: &[SeenTag], usual: Layout) -> Fit {
+pub fn fit(board: &Board, tags: &[DetectedTag], default: Layout) -> Fit {
     let pairs = pairs(board, tags);
     let share = |layout: Layout| {
-        let agreed = pairs.iter().filter(|p| agrees(layout, tags, p)).count();
-        agreed as f64 / pairs.len().max(1) as f64
+        let consistent = pairs
+            .iter()
+            .filter(|p| is_consistent(layout, tags, p))
+            .count();
+        consistent as f64 / pairs.len().max(1) as f64
     };
-    let mut layout = usual;
-    if let Some(other) = usual.other_way()
-        && share(other) > share(usual)
+    let mut layout = default;
+    if let Some(other) = default.alternative()
+        && share(other) > share(default)
     {
         layout = other;
     }
-    let contradicts = pairs.len() >= 3 && share(layout) < AGREED;
-    let other_columns = contradicts.then(|| best_columns(layout, &share)).flatten();
+    let is_inconsistent = pairs.len() >= 3 && share(layout) < MIN_CONSISTENT;
+    let other_columns = is_inconsistent
+        .then(|| best_columns(layout, &share))
+        .flatten();
     Fit {
         layout,
         pairs: pairs.len(),
         other_columns,
-        contradicts,
-        tags: trusted(layout, tags, &pairs),
+        is_inconsistent,
+        tags: consistent_tags(layout, tags, &pairs),
     }
 }
 
-fn agrees(layout: Layout, tags: &[SeenTag], pair: &Pair) -> bool {
+fn is_consistent(layout: Layout, tags: &[DetectedTag], pair: &Pair) -> bool {
     let cell = |i: usize| layout.unbounded(tags[i].id);
     cell(pair.to) - cell(pair.from) == pair.step
 }
 
-fn best_columns(said: Layout, share: &impl Fn(Layout) -> f64) -> Option<u32> {
-    let candidates = (1..=MOST_COLUMNS).flat_map(|columns| {
-        let one = Layout { columns, ..said };
+fn best_columns(given: Layout, share: &impl Fn(Layout) -> f64) -> Option<u32> {
+    let candidates = (1..=MAX_COLUMNS).flat_map(|columns| {
+        let one = Layout { columns, ..given };
         let other = Layout {
-            white_first: !said.white_first && !said.every_cell,
+            white_first: !given.white_first && !given.every_cell,
             ..one
         };
         [one, other].map(|layout| (share(layout), columns))
     });
     let best = candidates.max_by(|a, b| a.0.total_cmp(&b.0))?;
-    (best.0 >= AGREED).then_some(best.1)
+    (best.0 >= MIN_CONSISTENT).then_some(best.1)
 }
 
-/// All but those that most of their neighbours contradict, and those beside the board; of a
-/// number that is there twice the first.
-fn trusted(layout: Layout, tags: &[SeenTag], pairs: &[Pair]) -> Vec<SeenTag> {
+/// Returns the tags of the board that are consistent with most of their neighbours; of duplicate
+/// numbers, the first.
+fn consistent_tags(layout: Layout, tags: &[DetectedTag], pairs: &[Pair]) -> Vec<DetectedTag> {
     let mut votes = vec![0_i32; tags.len()];
     for pair in pairs {
-        let vote = if agrees(layout, tags, pair) { 1 } else { -1 };
+        let vote = if is_consistent(layout, tags, pair) {
+            1
+        } else {
+            -1
+        };
         votes[pair.from] += vote;
         votes[pair.to] += vote;
     }
-    let mut out: Vec<SeenTag> = Vec::new();
+    let mut out: Vec<DetectedTag> = Vec::new();
     for (tag, _) in tags.iter().zip(&votes).filter(|(_, votes)| **votes >= 0) {
-        let fresh = out.iter().all(|known| known.id != tag.id);
-        if fresh && layout.cell(tag.id).is_some() {
+        let is_new = out.iter().all(|known| known.id != tag.id);
+        if is_new && layout.cell(tag.id).is_some() {
             out.push(*tag);
         }
     }
     out
 }
 
-/// Each tag's homography tells where others near it lie, whatever their numbers.
-fn pairs(board: &Board, tags: &[SeenTag]) -> Vec<Pair> {
+/// Returns pairs of neighbouring tags; their relative positions follow from the homography of one
+/// tag, independently of the tags' numbers.
+fn pairs(board: &Board, tags: &[DetectedTag]) -> Vec<Pair> {
     let step = match *board {
         Board::Chess { .. } => return Vec::new(),
         Board::AprilGrid { gap, .. } => 1.0 + gap,
@@ -189,12 +200,13 @@ fn pairs(board: &Board, tags: &[SeenTag]) -> Vec<Pair> {
         };
         for (to, other) in tags.iter().enumerate().filter(|(to, _)| *to != from) {
             let middle = other.corners.iter().sum::<DVec2>() / 4.0;
-            let seen = tag_from_picture * middle.extend(1.0);
-            let at = seen.truncate() / seen.z / step;
-            let whole = at.round();
-            let near = whole.abs().max_element() <= f64::from(FARTHEST) && whole != DVec2::ZERO;
-            if near && at.distance(whole) < ON_GRID {
-                let step = whole.as_ivec2();
+            let image = tag_from_picture * middle.extend(1.0);
+            let at = image.truncate() / image.z / step;
+            let rounded = at.round();
+            let near =
+                rounded.abs().max_element() <= f64::from(MAX_DISTANCE) && rounded != DVec2::ZERO;
+            if near && at.distance(rounded) < MAX_DEVIATION {
+                let step = rounded.as_ivec2();
                 out.push(Pair { from, to, step });
             }
         }
@@ -203,7 +215,7 @@ fn pairs(board: &Board, tags: &[SeenTag]) -> Vec<Pair> {
 }
 
 /// Returns the homography from pixels to the tag's frame: edge 1, origin at the centre.
-fn tag_from_picture(tag: &SeenTag) -> Option<DMat3> {
+fn tag_from_picture(tag: &DetectedTag) -> Option<DMat3> {
     let around = [(-0.5, -0.5), (0.5, -0.5), (0.5, 0.5), (-0.5, 0.5)].map(DVec2::from);
     let pairs: Vec<_> = around.into_iter().zip(tag.corners).collect();
     let picture_from_tag = homography::from_pixels(&pairs)?;

@@ -8,20 +8,20 @@ use penumbra_interface::RigidTransform;
 use penumbra_numerics::median;
 
 /// Minimum number of points of a view.
-pub(super) const LEAST_POINTS: usize = 8;
+pub(super) const MIN_POINTS: usize = 8;
 
-/// Number of standard deviations beyond which a corner is an outlier.
+/// Error beyond which a corner is an outlier, standard deviations.
 const CORNER_SIGMAS: f64 = 5.0;
-/// Ratio of a view's median error to the others' beyond which the view is an outlier.
-const VIEW_TIMES: f64 = 4.0;
+/// Maximum ratio of a view's median error to the median over all views.
+const VIEW_RATIO: f64 = 4.0;
 /// Minimum error of an outlier, pixels.
-const ALWAYS_GOOD: f64 = 0.3;
+const MIN_OUTLIER: f64 = 0.3;
 /// Minimum share of a view's points that must remain.
-const LEAST_SHARE: f64 = 0.6;
+const MIN_SHARE: f64 = 0.6;
 
 /// Returns which points are consistent with the lens: compares each error with those of all views,
 /// and each view's errors with the other views'.
-pub(super) fn judge(
+pub(super) fn inliers(
     lens: &Lens,
     views: &[View],
     chosen: &[usize],
@@ -39,16 +39,16 @@ pub(super) fn judge(
         .collect();
     let middle_of = |e: &Vec<f64>| median(e.iter().copied()).unwrap_or(f64::INFINITY);
     let middles: Vec<f64> = errors.iter().map(middle_of).collect();
-    let usual = median(middles.iter().copied()).unwrap_or(0.0);
+    let overall = median(middles.iter().copied()).unwrap_or(0.0);
     errors
         .iter()
         .zip(&middles)
         .zip(before)
         .map(|((errors, &middle), before)| {
-            let view_fits = middle <= (VIEW_TIMES * usual).max(ALWAYS_GOOD);
-            // Half of the lengths of normal errors lie within 1.1774 σ (Rayleigh).
-            let sigma = middle.max(usual) / 1.1774;
-            let limit = (CORNER_SIGMAS * sigma).max(ALWAYS_GOOD);
+            let view_fits = middle <= (VIEW_RATIO * overall).max(MIN_OUTLIER);
+            // The median length of a normally distributed error is 1.1774 σ (Rayleigh).
+            let sigma = middle.max(overall) / 1.1774;
+            let limit = (CORNER_SIGMAS * sigma).max(MIN_OUTLIER);
             let fits = errors.iter().map(|&e| view_fits && e <= limit);
             debug_assert_eq!(errors.len(), before.len());
             fits.collect()
@@ -76,7 +76,7 @@ pub(super) fn drop_views(
         .iter()
         .map(|u| {
             let left = u.iter().filter(|x| **x).count();
-            left >= LEAST_POINTS && left as f64 >= LEAST_SHARE * u.len() as f64
+            left >= MIN_POINTS && left as f64 >= MIN_SHARE * u.len() as f64
         })
         .collect();
     retain(chosen, &keep);

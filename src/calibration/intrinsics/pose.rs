@@ -10,13 +10,13 @@ use penumbra_numerics::{NormalEquations, minimise};
 /// Threshold of the Huber loss, pixels.
 const HUBER: f64 = 2.0;
 
-/// `camera_from_board` from at least four points: by homography, then to the least
-/// reprojection error. `None` where points lie on a line or rays have no meaning.
+/// Computes `camera_from_board` from at least four points: initial value by homography, then
+/// minimisation of the reprojection error. `None` if the points are collinear or have no rays.
 #[must_use]
 pub fn board_pose(lens: &Lens, points: &[Correspondence]) -> Option<RigidTransform> {
-    let start = start(lens, points)?;
+    let initial_pose = initial_pose(lens, points)?;
     let minimum = minimise(
-        start,
+        initial_pose,
         30,
         |pose| linearise(lens, points, *pose),
         |pose, step| moved(*pose, step),
@@ -25,7 +25,7 @@ pub fn board_pose(lens: &Lens, points: &[Correspondence]) -> Option<RigidTransfo
 }
 
 /// Returns the pose from the homography alone.
-pub(super) fn start(lens: &Lens, points: &[Correspondence]) -> Option<RigidTransform> {
+pub(super) fn initial_pose(lens: &Lens, points: &[Correspondence]) -> Option<RigidTransform> {
     let rays: Vec<(DVec2, DVec3)> = points
         .iter()
         .filter_map(|c| Some((c.point, lens.unproject(c.pixel)?)))
@@ -45,14 +45,15 @@ fn linearise(
         for axis in 0..2 {
             normal.add(error[axis], &by_pose.map(|d| d[axis]), weight);
         }
-        // Huber's cost of the tail, so that steps are judged by what they minimise.
+        // Cost of Huber's linear tail, so that steps are accepted by the minimised cost.
         let tail = (error.length() - HUBER).max(0.0);
         normal.cost += HUBER * tail;
     }
     Some(normal)
 }
 
-/// Reprojection error and its derivatives by a small turn and shift of the pose.
+/// Returns the reprojection error and its derivatives by a small rotation and translation of the
+/// pose.
 pub(super) fn residual(
     lens: &Lens,
     c: &Correspondence,
@@ -66,7 +67,7 @@ pub(super) fn residual(
     ))
 }
 
-/// ∂/∂(ω, t) of a projection of exp(ω) arm + t.
+/// Returns ∂/∂(ω, t) of the projection of exp(ω) arm + t.
 pub(super) fn by_pose(by_point: &[DVec2; 3], arm: DVec3) -> [DVec2; 6] {
     let along = |v: DVec3| by_point[0] * v.x + by_point[1] * v.y + by_point[2] * v.z;
     [
@@ -79,9 +80,13 @@ pub(super) fn by_pose(by_point: &[DVec2; 3], arm: DVec3) -> [DVec2; 6] {
     ]
 }
 
-/// The pose after a small turn (about the camera's axes, at the board's origin) and shift.
+/// Applies a small rotation (about axes parallel to the camera's, at the board's origin) and a
+/// translation.
 pub(super) fn moved(pose: RigidTransform, step: &[f64]) -> RigidTransform {
-    let turn = DQuat::from_scaled_axis(DVec3::new(step[0], step[1], step[2]));
-    let shift = DVec3::new(step[3], step[4], step[5]);
-    RigidTransform::new((turn * pose.rotation).normalize(), pose.translation + shift)
+    let rotation = DQuat::from_scaled_axis(DVec3::new(step[0], step[1], step[2]));
+    let translation = DVec3::new(step[3], step[4], step[5]);
+    RigidTransform::new(
+        (rotation * pose.rotation).normalize(),
+        pose.translation + translation,
+    )
 }

@@ -3,8 +3,8 @@
 use super::board::View;
 use super::coverage::CELLS;
 use super::estimate::ViewEstimate;
-use super::gather::{Judged, Outcome};
 use super::pose::{board_pose, residual};
+use super::view_collector::{AssessedLens, Outcome};
 use crate::report::{Page, Plot};
 use crate::step::Finished;
 use glam::DVec2;
@@ -12,11 +12,11 @@ use penumbra_camera::{Lens, LensModel};
 use penumbra_numerics::root_mean_square;
 use std::fmt::Write;
 
-/// Magnification of the error vectors.
-const MAGNIFIED: f64 = 40.0;
+/// Maximum magnification of the error vectors.
+const MAX_MAGNIFICATION: f64 = 40.0;
 
-/// The page. `title` names the camera, `facts` are for its head (date, source, board);
-/// `views` are those that were given to the estimate.
+/// Builds the report. `title` names the camera, `facts` are lines of its header (date, source,
+/// board); `views` are the input of the estimate.
 #[must_use]
 pub fn page(
     found: &Finished,
@@ -27,20 +27,20 @@ pub fn page(
 ) -> String {
     let mut page = Page::new(title, facts);
     page.verdict(found);
-    if let Some(judged) = &outcome.result {
-        parameters(&mut page, judged);
-        coverage(&mut page, judged);
-        before_and_after(&mut page, judged, views);
-        scatter(&mut page, judged);
-        by_view(&mut page, judged);
+    if let Some(assessed) = &outcome.result {
+        parameters(&mut page, assessed);
+        coverage(&mut page, assessed);
+        before_and_after(&mut page, assessed, views);
+        scatter(&mut page, assessed);
+        by_view(&mut page, assessed);
     }
     page.finish()
 }
 
-/// Returns the figures with their uncertainty, one line each.
+/// Returns the lens with its uncertainty as lines of text.
 #[must_use]
-pub fn lines(judged: &Judged) -> Vec<String> {
-    let (estimate, sigma) = (&judged.estimate, &judged.estimate.sigma);
+pub fn lines(assessed: &AssessedLens) -> Vec<String> {
+    let (estimate, sigma) = (&assessed.estimate, &assessed.estimate.sigma);
     let lens = &estimate.lens;
     let names = lens.model.coefficients();
     let coefficients: Vec<String> = names
@@ -64,15 +64,15 @@ pub fn lines(judged: &Judged) -> Vec<String> {
         ),
         coefficients.join(", "),
         format!(
-            "corners in {:.0} % of the picture; a direction's picture is known to {:.2} px in the middle of all, {:.2} px at worst (1σ)",
-            100.0 * judged.coverage.share,
-            judged.uncertainty.median,
-            judged.uncertainty.worst
+            "corners in {:.0} % of the picture; standard deviation of a projected direction: median {:.2} px, maximum {:.2} px",
+            100.0 * assessed.coverage.share,
+            assessed.uncertainty.median,
+            assessed.uncertainty.worst
         ),
     ];
-    lines.extend(judged.rim.map(|rim| {
+    lines.extend(assessed.rim.map(|rim| {
         format!(
-            "corners seen up to {:.1}° from the axis, the lens is known to {:.1}°",
+            "corners up to {:.1}° from the axis, the lens is determined to {:.1}°",
             rim.seen.to_degrees(),
             rim.known.to_degrees()
         )
@@ -80,35 +80,35 @@ pub fn lines(judged: &Judged) -> Vec<String> {
     lines
 }
 
-fn parameters(page: &mut Page, judged: &Judged) {
-    let lens = &judged.estimate.lens;
+fn parameters(page: &mut Page, assessed: &AssessedLens) {
+    let lens = &assessed.estimate.lens;
     page.heading("Lens");
     let row = |cells: [String; 3]| cells.to_vec();
     let mut rows = vec![row([lens.model.name(), "value", "1σ"].map(str::to_owned))];
     let names = ["fx", "fy", "cx", "cy"];
     let names = names.iter().chain(lens.model.coefficients());
-    for ((name, value), sigma) in names.zip(lens.parameters()).zip(judged.estimate.sigma) {
+    for ((name, value), sigma) in names.zip(lens.parameters()).zip(assessed.estimate.sigma) {
         let name = (*name).to_owned();
         rows.push(row([name, format!("{value:.6}"), format!("{sigma:.6}")]));
     }
     page.table(&rows);
 }
 
-/// Opens a drawing in the picture's pixels.
-fn open(lens: &Lens) -> String {
+/// Opens an SVG in the picture's pixels.
+fn open_svg(lens: &Lens) -> String {
     format!("<svg viewBox=\"0 0 {} {}\">", lens.width, lens.height)
 }
 
-fn coverage(page: &mut Page, judged: &Judged) {
-    let lens = &judged.estimate.lens;
+fn coverage(page: &mut Page, assessed: &AssessedLens) {
+    let lens = &assessed.estimate.lens;
     page.heading("Coverage");
-    let mut svg = open(lens);
+    let mut svg = open_svg(lens);
     let (columns, rows) = CELLS;
     let cell = DVec2::new(
         f64::from(lens.width) / columns as f64,
         f64::from(lens.height) / rows as f64,
     );
-    for (i, sigma) in judged.uncertainty.by_cell.iter().enumerate() {
+    for (i, sigma) in assessed.uncertainty.by_cell.iter().enumerate() {
         let (x, y) = ((i % columns) as f64 * cell.x, (i / columns) as f64 * cell.y);
         let Some(sigma) = sigma else { continue };
         // Green below 0.2 px, red above 2.
@@ -124,20 +124,20 @@ fn coverage(page: &mut Page, judged: &Judged) {
             0.18 * cell.y
         );
     }
-    for view in judged.estimate.views.iter().filter(|v| v.used) {
+    for view in assessed.estimate.views.iter().filter(|v| v.used) {
         for p in view.points.iter().filter(|p| p.used) {
             dot(&mut svg, p.pixel, lens, "#246");
         }
     }
     svg.push_str("</svg>");
     let caption = format!(
-        "Corners that were used, in {:.0} % of the picture. Colour and figures: how far, 1σ in pixels, \
-         the picture of a direction may be off there. The board faced left by {:.0}°, right {:.0}°, up {:.0}°, down {:.0}°.",
-        100.0 * judged.coverage.share,
-        judged.tilt.left.to_degrees(),
-        judged.tilt.right.to_degrees(),
-        judged.tilt.up.to_degrees(),
-        judged.tilt.down.to_degrees()
+        "Corners used, in {:.0} % of the picture. Colours and numbers: standard deviation of a direction's \
+         pixel, pixels. The board faced left by {:.0}°, right {:.0}°, up {:.0}°, down {:.0}°.",
+        100.0 * assessed.coverage.share,
+        assessed.tilt.left.to_degrees(),
+        assessed.tilt.right.to_degrees(),
+        assessed.tilt.up.to_degrees(),
+        assessed.tilt.down.to_degrees()
     );
     page.figure(&svg, &caption);
 }
@@ -151,9 +151,9 @@ fn dot(page: &mut String, p: DVec2, lens: &Lens, colour: &str) {
     );
 }
 
-/// The errors of the lens without distortion, and of the one found.
-fn before_and_after(page: &mut Page, judged: &Judged, views: &[View]) {
-    let lens = &judged.estimate.lens;
+/// Draws the errors of the lens without distortion and of the lens found.
+fn before_and_after(page: &mut Page, assessed: &AssessedLens, views: &[View]) {
+    let lens = &assessed.estimate.lens;
     let mut plain = lens.clone();
     plain.coefficients = [0.0; 8];
     let mut before: Vec<(DVec2, DVec2)> = Vec::new();
@@ -167,7 +167,7 @@ fn before_and_after(page: &mut Page, judged: &Judged, views: &[View]) {
         });
         before.extend(errors);
     }
-    let used = judged
+    let used = assessed
         .estimate
         .views
         .iter()
@@ -186,38 +186,38 @@ fn before_and_after(page: &mut Page, judged: &Judged, views: &[View]) {
     ]);
 }
 
-/// A drawing of errors, and what is seen there.
+/// Returns a drawing of error vectors and its caption.
 fn errors(lens: &Lens, errors: &[(DVec2, DVec2)], caption: &str) -> (String, String) {
     let rms = root_mean_square(errors.iter().map(|(_, e)| e.length()));
     // Large errors are magnified less, so that the vectors remain legible.
-    let times = MAGNIFIED
+    let times = MAX_MAGNIFICATION
         .min(0.06 * f64::from(lens.width) / rms.max(1e-6))
         .max(1.0);
-    let mut svg = open(lens);
-    let thin = f64::from(lens.width) / 700.0;
+    let mut svg = open_svg(lens);
+    let stroke = f64::from(lens.width) / 700.0;
     for (p, e) in errors {
         let q = *p + *e * times;
         let _ = write!(
             svg,
-            "<line x1=\"{:.1}\" y1=\"{:.1}\" x2=\"{:.1}\" y2=\"{:.1}\" stroke=\"#b42318\" stroke-width=\"{thin:.2}\"/>",
+            "<line x1=\"{:.1}\" y1=\"{:.1}\" x2=\"{:.1}\" y2=\"{:.1}\" stroke=\"#b42318\" stroke-width=\"{stroke:.2}\"/>",
             p.x, p.y, q.x, q.y
         );
     }
     svg.push_str("</svg>");
-    let caption = format!("{caption}: {rms:.3} px RMS; lines {times:.0} times as long.");
+    let caption = format!("{caption}: {rms:.3} px RMS; error vectors magnified {times:.0} times.");
     (svg, caption)
 }
 
 /// Draws the errors around the origin; without systematic errors the cloud is round.
-fn scatter(page: &mut Page, judged: &Judged) {
-    let rms = judged.estimate.rms.max(1e-6);
+fn scatter(page: &mut Page, assessed: &AssessedLens) {
+    let rms = assessed.estimate.rms.max(1e-6);
     let reach = 4.0 * rms;
     let mut svg = String::from(
         "<svg viewBox=\"-100 -100 200 200\" style=\"max-width:24em\">\
          <path d=\"M-100 0H100M0 -100V100\" stroke=\"#aaa\" stroke-width=\".5\"/>\
          <circle r=\"25\" fill=\"none\" stroke=\"#888\" stroke-width=\".5\"/>",
     );
-    let views = judged.estimate.views.iter().filter(|v| v.used);
+    let views = assessed.estimate.views.iter().filter(|v| v.used);
     for point in views.flat_map(|v| &v.points) {
         let p = (point.error / reach * 100.0).clamp(DVec2::splat(-99.0), DVec2::splat(99.0));
         let colour = if point.used { "#246" } else { "#b42318" };
@@ -229,14 +229,13 @@ fn scatter(page: &mut Page, judged: &Judged) {
     }
     svg.push_str("</svg>");
     page.heading("Residuals");
-    let caption = format!(
-        "Each corner's error; the circle is the RMS of {rms:.3} px, red ones were left out."
-    );
+    let caption =
+        format!("Error of each corner; the circle is the RMS of {rms:.3} px, outliers are red.");
     page.figure(&svg, &caption);
 }
 
-fn by_view(page: &mut Page, judged: &Judged) {
-    let views = &judged.estimate.views;
+fn by_view(page: &mut Page, assessed: &AssessedLens) {
+    let views = &assessed.estimate.views;
     page.heading("Views");
     let points = |used: bool| -> Vec<(f64, f64)> {
         let all = views.iter().enumerate().filter(|(_, v)| v.used == used);
@@ -247,7 +246,7 @@ fn by_view(page: &mut Page, judged: &Judged) {
         y: "RMS, px".to_owned(),
         series: vec![
             ("used".to_owned(), points(true), false),
-            ("left out".to_owned(), points(false), false),
+            ("rejected".to_owned(), points(false), false),
         ],
     };
     page.plot(&plot, "Reprojection error by view.");
@@ -258,7 +257,7 @@ fn by_view(page: &mut Page, judged: &Judged) {
 
 fn row(view: &ViewEstimate) -> Vec<String> {
     let used = view.points.iter().filter(|p| p.used).count();
-    let note = if view.used { "" } else { "left out" };
+    let note = if view.used { "" } else { "rejected" };
     vec![
         view.name.clone(),
         used.to_string(),

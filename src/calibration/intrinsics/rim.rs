@@ -1,4 +1,4 @@
-//! The angles to which a fisheye's lens is known and to which it receives light.
+//! Angles from the axis up to which a fisheye lens is determined and receives light.
 
 use super::detect::Grey;
 use super::estimate::Estimate;
@@ -8,17 +8,19 @@ use penumbra_numerics::Matrix;
 use std::f64::consts::{PI, TAU};
 
 /// Columns and rows of the cells in which light is measured.
-const PARTS: (usize, usize) = (64, 48);
-/// Of the brightest part, so much is light and not the lens's black rim.
-const LIT: f32 = 0.12;
+const CELLS: (usize, usize) = (64, 48);
+/// Minimum brightness of a lit cell as a share of the brightest cell; darker ones belong to the
+/// black rim.
+const MIN_LIT_SHARE: f32 = 0.12;
 /// Minimum code of a lit cell.
-const LEAST_LIGHT: f32 = 12.0;
-/// A direction is known while its picture is to this, 1σ, pixels of a picture of 1280.
-const KNOWN: f64 = 3.0;
+const MIN_LIT_CODE: f32 = 12.0;
+/// Maximum standard deviation of a determined direction's projection, pixels of a picture 1280
+/// wide.
+const MAX_SIGMA: f64 = 3.0;
 /// Step of the outward search, radians.
 const STEP: f64 = 0.5 * PI / 180.0;
 
-/// Where in the pictures light falls at all: how bright each part was at its brightest.
+/// Area of the pictures that receives light: maximum brightness of each cell over all pictures.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Light {
     brightest: Vec<f32>,
@@ -26,8 +28,8 @@ pub struct Light {
 
 impl Light {
     /// Adds a picture; all pictures must have the same size.
-    pub fn look(&mut self, picture: &Grey) {
-        let (columns, rows) = PARTS;
+    pub fn add(&mut self, picture: &Grey) {
+        let (columns, rows) = CELLS;
         if picture.width < columns || picture.height < rows {
             return;
         }
@@ -45,32 +47,32 @@ impl Light {
         }
     }
 
-    /// Whether light falls on a place, given as a share of the picture's width and height;
-    /// `None` if no picture was looked at.
+    /// Returns whether a position, as shares of the picture's width and height, receives light;
+    /// `None` without pictures.
     #[must_use]
-    pub fn falls_on(&self, place: DVec2) -> Option<bool> {
-        let (columns, rows) = PARTS;
-        let part = |share: f64, n: usize| ((share * n as f64).max(0.0) as usize).min(n - 1);
-        let at = part(place.y, rows) * columns + part(place.x, columns);
-        Some(*self.brightest.get(at)? > self.least())
+    pub fn is_lit(&self, position: DVec2) -> Option<bool> {
+        let (columns, rows) = CELLS;
+        let cell = |share: f64, n: usize| ((share * n as f64).max(0.0) as usize).min(n - 1);
+        let at = cell(position.y, rows) * columns + cell(position.x, columns);
+        Some(*self.brightest.get(at)? > self.min_lit())
     }
 
-    fn least(&self) -> f32 {
-        let most = self.brightest.iter().copied().fold(0.0, f32::max);
-        (LIT * most).max(LEAST_LIGHT)
+    fn min_lit(&self) -> f32 {
+        let max = self.brightest.iter().copied().fold(0.0, f32::max);
+        (MIN_LIT_SHARE * max).max(MIN_LIT_CODE)
     }
 
-    /// The largest angle from the axis from which light comes, as far as `lens` tells; the
-    /// outermost hundredth of it may be glare.
-    fn widest(&self, lens: &Lens) -> Option<f64> {
-        let (columns, rows) = PARTS;
+    /// Returns the largest angle from the axis, by `lens`, from which light comes, radians; the
+    /// outermost hundredth is ignored as possible glare.
+    fn max_angle(&self, lens: &Lens) -> Option<f64> {
+        let (columns, rows) = CELLS;
         let size = lens.last_pixel() + 1.0;
         let angle = |i: usize| {
             let at = DVec2::new((i % columns) as f64 + 0.5, (i / columns) as f64 + 0.5);
             let share = at / DVec2::new(columns as f64, rows as f64);
             angle_of(lens, share * size - 0.5)
         };
-        let lit = (0..self.brightest.len()).filter(|&i| self.brightest[i] > self.least());
+        let lit = (0..self.brightest.len()).filter(|&i| self.brightest[i] > self.min_lit());
         let mut angles: Vec<f64> = lit.filter_map(angle).collect();
         angles.sort_unstable_by(f64::total_cmp);
         angles
@@ -84,17 +86,17 @@ impl Light {
 pub struct Rim {
     /// Largest angle at which corners were seen.
     pub seen: f64,
-    /// The farthest to which the lens follows from them: its picture still moves outwards, and
-    /// is known to three pixels.
+    /// Angle to which the corners determine the lens: the projection is monotonic and its standard
+    /// deviation at most three pixels.
     pub known: f64,
-    /// The farthest from which light comes, where pictures were looked at.
+    /// Largest angle from which light comes; `None` without pictures.
     pub lit: Option<f64>,
 }
 
 impl Rim {
     /// Computes the angles of an estimate; `None` if the lens is not a fisheye.
     #[must_use]
-    pub fn of(estimate: &Estimate, light: &Light) -> Option<Self> {
+    pub fn from_estimate(estimate: &Estimate, light: &Light) -> Option<Self> {
         let lens = &estimate.lens;
         if lens.model != LensModel::KannalaBrandt {
             return None;
@@ -105,8 +107,8 @@ impl Rim {
         let seen = seen.fold(0.0, f64::max);
         Some(Self {
             seen,
-            known: known(estimate, seen),
-            lit: light.widest(lens),
+            known: known_angle(estimate, seen),
+            lit: light.max_angle(lens),
         })
     }
 }
@@ -116,32 +118,32 @@ fn angle_of(lens: &Lens, pixel: DVec2) -> Option<f64> {
     Some(lens.unproject(pixel)?.angle_between(DVec3::Z))
 }
 
-/// From `seen` outwards as long as the lens is sure.
-fn known(estimate: &Estimate, seen: f64) -> f64 {
+/// Returns the angle, from `seen` outwards, to which the lens is determined.
+fn known_angle(estimate: &Estimate, seen: f64) -> f64 {
     let lens = &estimate.lens;
-    let limit = KNOWN * (f64::from(lens.width.max(lens.height)) / 1280.0).max(1.0);
+    let limit = MAX_SIGMA * (f64::from(lens.width.max(lens.height)) / 1280.0).max(1.0);
     let mut gathered = vec![DVec2::ZERO; estimate.unknowns.count()];
-    let mut sure = |theta: f64, turn: f64| {
+    let mut is_known = |theta: f64, azimuth: f64| {
         let (out, along) = theta.sin_cos();
-        let ray = (DVec2::from_angle(turn) * out).extend(along);
+        let ray = (DVec2::from_angle(azimuth) * out).extend(along);
         let Some(p) = lens.project_with_derivatives(ray) else {
             return false;
         };
         estimate.unknowns.gather(&p.by_parameter, &mut gathered);
         let (out, along) = (theta - STEP).sin_cos();
-        let nearer = lens.project((DVec2::from_angle(turn) * out).extend(along));
-        let outwards =
+        let nearer = lens.project((DVec2::from_angle(azimuth) * out).extend(along));
+        let is_monotonic =
             nearer.is_some_and(|q| q.distance(lens.centre) < p.pixel.distance(lens.centre));
-        outwards && deviation(&gathered, &estimate.covariance) <= limit
+        is_monotonic && deviation(&gathered, &estimate.covariance) <= limit
     };
     let mut theta = seen;
-    while theta + STEP < PI && (0..8).all(|k| sure(theta + STEP, f64::from(k) * TAU / 8.0)) {
+    while theta + STEP < PI && (0..8).all(|k| is_known(theta + STEP, f64::from(k) * TAU / 8.0)) {
         theta += STEP;
     }
     theta
 }
 
-/// Returns √(½ trace J Σ Jᵀ), the standard deviation of one coordinate.
+/// Returns √(½ trace J Σ Jᵀ), the standard deviation of one coordinate, pixels.
 pub(super) fn deviation(rows: &[DVec2], covariance: &Matrix) -> f64 {
     let mut trace = 0.0;
     for (i, a) in rows.iter().enumerate() {
@@ -154,17 +156,16 @@ pub(super) fn deviation(rows: &[DVec2], covariance: &Matrix) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
-    use crate::intrinsics::estimate::tests::{fisheye, poses, seen};
+    use crate::intrinsics::estimate::tests::{fisheye, poses, simulated_views};
     use crate::intrinsics::{Options, estimate};
     use penumbra_numerics::Random;
 
-    fn found(distance: f64, spread: f64) -> Estimate {
+    fn found(distance: f64, lateral: f64) -> Estimate {
         let lens = fisheye();
-        let views = seen(
+        let views = simulated_views(
             &lens,
-            &poses(30, distance, spread, 5),
+            &poses(30, distance, lateral, 5),
             0.15,
             &mut Random::new(3),
         );
@@ -176,9 +177,9 @@ mod tests {
     }
 
     #[test]
-    fn what_was_seen_at_the_rim_is_known_and_a_little_beyond() {
-        let wide = Rim::of(&found(0.12, 0.9), &Light::default()).unwrap();
-        let narrow = Rim::of(&found(0.4, 0.2), &Light::default()).unwrap();
+    fn lens_is_known_to_outermost_corners_and_beyond() {
+        let wide = Rim::from_estimate(&found(0.12, 0.9), &Light::default()).unwrap();
+        let narrow = Rim::from_estimate(&found(0.4, 0.2), &Light::default()).unwrap();
         assert!(wide.seen > narrow.seen + 0.3, "{wide:?} {narrow:?}");
         for rim in [wide, narrow] {
             assert!(rim.known >= rim.seen && rim.lit.is_none(), "{rim:?}");
@@ -200,12 +201,12 @@ mod tests {
         };
         let bytes: Vec<u8> = (0..w * h).map(code).collect();
         let mut light = Light::default();
-        assert_eq!(light.falls_on(DVec2::splat(0.5)), None);
-        light.look(&Grey::from_bytes(w, h, &bytes));
-        assert_eq!(light.falls_on(DVec2::splat(0.5)), Some(true));
-        assert_eq!(light.falls_on(DVec2::ZERO), Some(false));
+        assert_eq!(light.is_lit(DVec2::splat(0.5)), None);
+        light.add(&Grey::from_bytes(w, h, &bytes));
+        assert_eq!(light.is_lit(DVec2::splat(0.5)), Some(true));
+        assert_eq!(light.is_lit(DVec2::ZERO), Some(false));
         let at_rim = angle_of(&lens, lens.centre + DVec2::X * radius).unwrap();
-        let widest = light.widest(&lens).unwrap();
-        assert!((widest - at_rim).abs() < 0.1, "{widest} {at_rim}");
+        let max_angle = light.max_angle(&lens).unwrap();
+        assert!((max_angle - at_rim).abs() < 0.1, "{max_angle} {at_rim}");
     }
 }

@@ -1,13 +1,13 @@
 //! The step `intrinsics`: calibrates one camera's lens from a board shown to it.
 
+use super::assessment::Assessment;
 use super::board::Board;
 use super::detect::Grey;
 use super::estimate::Options;
-use super::gather::{Gatherer, Judged, Offer, Outcome};
 use super::report;
-use super::verdict::Verdict;
+use super::view_collector::{AssessedLens, Outcome, PictureResult, ViewCollector};
 use crate::intrinsics::KnownLenses;
-use crate::intrinsics::consistency_checks::contradictions;
+use crate::intrinsics::consistency_checks::inconsistencies;
 use crate::step::{
     CalibrationProvenance, CameraRole, Finished, Progress, Step, StepInput, StepInputs,
 };
@@ -18,65 +18,68 @@ use penumbra_rig_model::lens_record::LensRecord;
 use std::fmt::Write;
 
 /// Minimum interval between two pictures, seconds.
-const SPACING: f64 = 0.2;
-/// Number of pictures after which the rate of examined pictures is halved.
-const MANY: f64 = 300.0;
+const MIN_SPACING: f64 = 0.2;
+/// Number of pictures after which the interval grows by another `MIN_SPACING`.
+const SLOWDOWN_PICTURES: f64 = 300.0;
 /// Sufficient number of views.
 const ENOUGH_VIEWS: f64 = 15.0;
 /// Minimum number of views for an intermediate estimate, which shows what is missing.
-const LEAST_VIEWS: usize = 4;
+const MIN_VIEWS: usize = 4;
 
-/// Collects views of a board in one camera's pictures and judges the lens.
+/// Collects views of a board in one camera's pictures, estimates the lens and assesses it.
 #[derive(Clone, Debug)]
 pub struct IntrinsicsStep {
-    eye: CameraRole,
+    camera: CameraRole,
     board: Board,
     options: Options,
-    said: KnownLenses,
-    gatherer: Gatherer,
+    present: KnownLenses,
+    collector: ViewCollector,
     pictures: usize,
-    last: Option<Offer>,
-    so_far: Option<(Judged, Verdict)>,
-    /// The lens is tried again when there are so many views.
+    last: Option<PictureResult>,
+    intermediate: Option<(AssessedLens, Assessment)>,
+    /// Number of views at which the next intermediate lens is estimated.
     next: usize,
 }
 
 impl IntrinsicsStep {
-    /// Of one camera; `said` is what the rig has of both lenses so far.
+    /// Creates the step for one camera; `present` are the lenses of the rig's present calibration.
     #[must_use]
-    pub fn new(eye: CameraRole, board: Board, options: Options, said: KnownLenses) -> Self {
+    pub fn new(camera: CameraRole, board: Board, options: Options, present: KnownLenses) -> Self {
         Self {
-            eye,
+            camera,
             board,
             options,
-            said,
-            gatherer: Gatherer::new(board),
+            present,
+            collector: ViewCollector::new(board),
             pictures: 0,
             last: None,
-            so_far: None,
-            next: LEAST_VIEWS,
+            intermediate: None,
+            next: MIN_VIEWS,
         }
     }
 
-    /// Looks for the board in a picture; `name` is told where that view contradicts others.
-    pub fn look_at(&mut self, name: &str, picture: &Picture) {
+    /// Detects the board in a picture and keeps it as a view; `name` identifies the view in the
+    /// report.
+    pub fn add_picture(&mut self, name: &str, picture: &Picture) {
         self.pictures += 1;
-        let offer = self.gatherer.offer(name, &Grey::from_picture(picture));
-        self.last = Some(offer);
-        let views = self.gatherer.views().len();
+        let result = self
+            .collector
+            .add_picture(name, &Grey::from_picture(picture));
+        self.last = Some(result);
+        let views = self.collector.views().len();
         if views >= self.next {
-            self.so_far = self.gatherer.so_far(&self.options);
-            // A quarter more views: what is missing changes slowly, and lenses cost time.
+            self.intermediate = self.collector.intermediate(&self.options);
+            // After a quarter more views: hints change slowly, and estimates take time.
             self.next = (views + 1).max(views * 5 / 4);
         }
     }
 
-    /// Every corner that was kept: a line each, comma-separated, with a head: the view, the
-    /// corner's place on the board in metres, its pixel.
+    /// Returns every corner kept as CSV with a header: view, position on the board in metres,
+    /// pixel.
     #[must_use]
     pub fn corners(&self) -> String {
         let mut out = String::from("view,board_x_m,board_y_m,pixel_x,pixel_y\n");
-        for view in self.gatherer.views() {
+        for view in self.collector.views() {
             let name = view.name.replace([',', '\n', '\r'], " ");
             for c in &view.points {
                 let _ = writeln!(
@@ -90,75 +93,77 @@ impl IntrinsicsStep {
     }
 
     fn hint(&self) -> String {
-        let views = self.gatherer.views().len();
+        let views = self.collector.views().len();
         match self.last {
-            Some(Offer::NotSeen) if views == 0 => {
-                "show the board: all of it, in good light".to_owned()
+            Some(PictureResult::NotSeen) if views == 0 => {
+                "show the complete board in good light".to_owned()
             }
-            Some(Offer::OtherBoard) => {
-                format!("this is another board than {}; see --board", self.board)
+            Some(PictureResult::OtherBoard) => {
+                format!("this board is not {}; correct --board", self.board)
             }
-            Some(Offer::OtherSize) => "the pictures' size changed; keep one mode".to_owned(),
-            Some(Offer::Alike) if views < LEAST_VIEWS => {
-                "move on: this view is known; tilt the board".to_owned()
+            Some(PictureResult::OtherSize) => {
+                "the picture size changed; use one mode only".to_owned()
             }
-            _ if views < LEAST_VIEWS => {
-                "hold the board still, tilted, in several places".to_owned()
+            Some(PictureResult::Similar) if views < MIN_VIEWS => {
+                "this view was already taken; move and tilt the board".to_owned()
             }
-            _ => self.missing(),
+            _ if views < MIN_VIEWS => {
+                "hold the board still, tilted, in several positions".to_owned()
+            }
+            _ => self.assessment_hint(),
         }
     }
 
-    /// Returns a hint for what the intermediate lens lacks most.
-    fn missing(&self) -> String {
-        let Some((_, verdict)) = &self.so_far else {
+    /// Returns the most useful hint of the intermediate lens.
+    fn assessment_hint(&self) -> String {
+        let Some((_, assessment)) = &self.intermediate else {
             return "tilt the board to all sides".to_owned();
         };
-        let hint = verdict.hints.first().cloned();
-        hint.unwrap_or_else(|| match verdict.grade {
+        let hint = assessment.hints.first().cloned();
+        hint.unwrap_or_else(|| match assessment.grade {
             Grade::Good => String::new(),
-            _ => verdict
+            _ => assessment
                 .findings
                 .first()
                 .map_or_else(String::new, |f| f.1.to_string()),
         })
     }
 
-    /// Whole when the lens is good by enough views; until then views, cells with corners and sides
-    /// tilted to count a third each.
+    /// Returns the progress: 1 if the lens is good with enough views; before, number of views,
+    /// covered cells and tilted sides contribute a third each.
     fn share(&self) -> f64 {
-        let so_far = self.so_far.as_ref();
-        let good = so_far.is_some_and(|(_, verdict)| verdict.grade == Grade::Good);
-        if good && self.gatherer.views().len() as f64 >= ENOUGH_VIEWS {
+        let intermediate = self.intermediate.as_ref();
+        let good = intermediate.is_some_and(|(_, assessment)| assessment.grade == Grade::Good);
+        if good && self.collector.views().len() as f64 >= ENOUGH_VIEWS {
             return 1.0;
         }
-        let views = (self.gatherer.views().len() as f64 / ENOUGH_VIEWS).min(1.0);
-        let seen = self.so_far.as_ref().map_or(0.0, |(judged, _)| {
-            let tilt = &judged.tilt;
+        let views = (self.collector.views().len() as f64 / ENOUGH_VIEWS).min(1.0);
+        let quality = self.intermediate.as_ref().map_or(0.0, |(assessed, _)| {
+            let tilt = &assessed.tilt;
             let sides = [tilt.left, tilt.right, tilt.up, tilt.down];
             let enough = |angle: &f64| (angle / 20_f64.to_radians()).clamp(0.0, 1.0) / 4.0;
-            (judged.coverage.share / 0.8).min(1.0) + sides.iter().map(enough).sum::<f64>()
+            (assessed.coverage.share / 0.8).min(1.0) + sides.iter().map(enough).sum::<f64>()
         });
-        ((views + seen) / 3.0).min(0.99)
+        ((views + quality) / 3.0).min(0.99)
     }
 
     /// Returns the result without the report.
     fn found(&self, outcome: &Outcome, made: &CalibrationProvenance) -> Finished {
         let mut findings: Vec<(Grade, String)> = outcome
-            .verdict
+            .assessment
             .findings
             .iter()
-            .chain(&contradictions(
+            .chain(&inconsistencies(
                 outcome,
-                &self.said,
-                self.eye,
+                &self.present,
+                self.camera,
                 &self.options,
             ))
             .map(|(grade, finding)| (*grade, finding.to_string()))
             .collect();
         findings.sort_by_key(|f| std::cmp::Reverse(f.0));
         let grade = findings.first().map_or(Grade::Good, |f| f.0);
-        let points: usize = self.gatherer.views().iter().map(|v| v.points.len()).sum();
+        let points: usize = self.collector.views().iter().map(|v| v.points.len()).sum();
         let mut lines = vec![format!(
             "{} pictures, {} views of {}, {points} corners",
             outcome.pictures, outcome.views, self.board
@@ -169,7 +174,7 @@ impl IntrinsicsStep {
             lines,
             file: self.file(outcome, &findings, made),
             findings,
-            hints: outcome.verdict.hints.clone(),
+            hints: outcome.assessment.hints.clone(),
             report: String::new(),
         }
     }
@@ -184,7 +189,7 @@ impl IntrinsicsStep {
             return None;
         }
         let board = self.board.to_string();
-        let record = outcome.record(self.eye.name(), &board, made.date.clone())?;
+        let record = outcome.record(self.camera.name(), &board, made.date.clone())?;
         let quality = record.quality.map(|mut quality| {
             let worst = findings.first().map_or(Grade::Good, |f| f.0);
             worst.name().clone_into(&mut quality.verdict);
@@ -211,44 +216,44 @@ impl Step for IntrinsicsStep {
 
     fn inputs(&self) -> StepInputs {
         StepInputs {
-            scene: self.eye == CameraRole::Scene,
-            environment: self.eye == CameraRole::Environment,
+            scene: self.camera == CameraRole::Scene,
+            environment: self.camera == CameraRole::Environment,
             brackets: false,
             poses: false,
-            spacing: SPACING * (1.0 + (self.pictures as f64 / MANY).floor()),
+            spacing: MIN_SPACING * (1.0 + (self.pictures as f64 / SLOWDOWN_PICTURES).floor()),
         }
     }
 
     fn observe(&mut self, shown: &StepInput) {
         if let StepInput::Picture(shown) = shown
-            && shown.camera == self.eye
+            && shown.camera == self.camera
             && shown.bracket_ev == 0.0
         {
-            self.look_at(&format!("{:.2} s", shown.seconds), shown.picture);
+            self.add_picture(&format!("{:.2} s", shown.seconds), shown.picture);
         }
     }
 
     fn progress(&self) -> Progress {
-        let views = self.gatherer.views();
+        let views = self.collector.views();
         let points: usize = views.iter().map(|v| v.points.len()).sum();
         Progress {
             share: self.share(),
             message: format!("{} views, {points} corners", views.len()),
             hint: self.hint(),
-            overlay_points: self.gatherer.marks().to_vec(),
-            camera: Some(self.eye),
+            overlay_points: self.collector.last_points().to_vec(),
+            camera: Some(self.camera),
         }
     }
 
     fn finish(&mut self, made: &CalibrationProvenance) -> Finished {
-        let outcome = self.gatherer.finish(&self.options);
+        let outcome = self.collector.finish(&self.options);
         let mut found = self.found(&outcome, made);
         let facts = [
             format!("{}, from {}", made.date, made.source),
             format!("board {}", self.board),
         ];
-        let title = format!("Lens of the {} camera", self.eye.name());
-        found.report = report::page(&found, &outcome, self.gatherer.views(), &title, &facts);
+        let title = format!("Lens of the {} camera", self.camera.name());
+        found.report = report::page(&found, &outcome, self.collector.views(), &title, &facts);
         found
     }
 }

@@ -65,7 +65,6 @@ fn deviation(readings: &[(f64, RigidTransform)], i: usize) -> [f64; 2] {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
     use glam::{DQuat, DVec3};
     use penumbra_numerics::Random;

@@ -1,4 +1,3 @@
-#![allow(clippy::unwrap_used, clippy::panic)]
 use super::*;
 use crate::intrinsics::Grey;
 use glam::{DQuat, DVec2, DVec3};

@@ -207,7 +207,6 @@ fn line(points: &[Point]) -> Option<Line> {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
     use crate::radiometric::synthetic::normal;
 

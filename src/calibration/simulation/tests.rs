@@ -1,4 +1,3 @@
-#![allow(clippy::unwrap_used)]
 use super::*;
 use penumbra_fiducials::Detector;
 use penumbra_rig_model::RigDocument;

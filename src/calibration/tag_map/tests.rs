@@ -1,6 +1,5 @@
 //! Simulated maps: corners with detection noise and outliers.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 use super::step::{MapOptions, MapStep};
 use crate::simulation::{SimulatedRig, SimulationOptions};
 use crate::step::{CalibrationProvenance, Finished, Step};

@@ -1,7 +1,7 @@
 //! Colour differences between the scene camera and the environment camera on surfaces that both
 //! see.
 
-use super::Known;
+use super::CheckedRig;
 use crate::step::PictureInput;
 use penumbra_interface::{Exposure, MonotonicTime, RigidTransform};
 use penumbra_numerics::median;
@@ -66,7 +66,12 @@ impl Comparison {
     }
 
     /// Compares a scene camera's picture, taken from `pose`, with the latest environment picture.
-    pub fn observe_scene(&mut self, known: &Known, input: &PictureInput, pose: RigidTransform) {
+    pub fn observe_scene(
+        &mut self,
+        known: &CheckedRig,
+        input: &PictureInput,
+        pose: RigidTransform,
+    ) {
         let Some((_, at, _)) = &self.last else {
             return;
         };

@@ -39,7 +39,7 @@ const SMOOTHING: f64 = 0.03;
 
 /// The calibrated rig that is checked.
 #[derive(Clone, Debug)]
-pub struct Known {
+pub struct CheckedRig {
     /// The rig's calibration.
     pub rig: RigDocument,
     /// The rig's markers.
@@ -63,7 +63,7 @@ struct Frame {
 
 /// The step `verify`.
 pub struct Verify {
-    known: Known,
+    known: CheckedRig,
     detector: Detector,
     registrar: Registrar,
     image_motion: ImageMotion,
@@ -81,7 +81,7 @@ pub struct Verify {
 impl Verify {
     /// Creates a check; `white_balance` is the known white balance match between the cameras.
     #[must_use]
-    pub fn new(known: Known, white_balance: WhiteBalanceMatch) -> Self {
+    pub fn new(known: CheckedRig, white_balance: WhiteBalanceMatch) -> Self {
         let families = known.map.families();
         Self {
             detector: Detector::new(&families, &known.rig.calibration.scene_camera.response),

@@ -124,7 +124,6 @@ fn standard_error(all: &[CornerError], rms: f64) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
 
     use super::*;
     use glam::{DQuat, DVec3};

@@ -1,4 +1,3 @@
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 //! A synthetic rig: three tags on a table, a hand-held camera on a tracker.
 
 use super::*;
@@ -109,7 +108,7 @@ fn check(rig: RigDocument) -> Finished {
         size: m.size,
         map_from_tag: m.world_from_marker,
     });
-    let known = Known {
+    let known = CheckedRig {
         map: TagMap::new(tags.collect()).unwrap(),
         rig,
         caster: None,

@@ -32,7 +32,7 @@ pub fn run(args: &BoardArgs) -> anyhow::Result<ExitCode> {
         .out
         .extension()
         .map(|e| e.to_string_lossy().to_lowercase());
-    let sheet = BoardSheet::of(&args.board);
+    let sheet = BoardSheet::from_board(&args.board);
     claim(&args.out, args.force)?;
     let bytes = match kind.as_deref() {
         Some("pdf") => sheet.pdf(),

@@ -71,7 +71,7 @@ impl IntrinsicsArgs {
 
     /// Creates the step; `present_lenses` are the lenses in rig.json.
     fn step(&self, present_lenses: KnownLenses) -> IntrinsicsStep {
-        let default_model = match present_lenses.of_eye(self.role()) {
+        let default_model = match present_lenses.lens(self.role()) {
             Some(lens) if lens.fisheye => Model::Fisheye,
             Some(_) => Model::Brown,
             None if self.camera == Camera::Environment => Model::Fisheye,
@@ -100,7 +100,7 @@ impl IntrinsicsArgs {
         let rig = RigDocument::from_session(&|name: &str| session.attachment(name)).ok();
         let present_lenses = rig
             .as_ref()
-            .map_or_else(KnownLenses::default, KnownLenses::of);
+            .map_or_else(KnownLenses::default, KnownLenses::from_rig);
         self.with_corners(&mut self.step(present_lenses), |step| {
             self.output.run_step(Some(path), None, step)
         })
@@ -128,7 +128,7 @@ impl IntrinsicsArgs {
         self.with_corners(&mut step, |step| {
             self.output.run_step_with(&source, step, |step, bar| {
                 Ok(for_each_picture(folder, |file: FolderPicture| {
-                    step.look_at(&file.name, file.picture);
+                    step.add_picture(&file.name, file.picture);
                     show_progress(bar, file.share, &step.progress());
                 })?)
             })
@@ -141,7 +141,7 @@ pub fn run(args: &IntrinsicsArgs) -> anyhow::Result<ExitCode> {
         (Some(session), _) => args.run_on_session(session),
         (None, Some(folder)) => args.run_on_folder(folder),
         (None, None) => {
-            let present_lenses = KnownLenses::of(&args.output.rig()?);
+            let present_lenses = KnownLenses::from_rig(&args.output.rig()?);
             let mut step = args.step(present_lenses);
             args.output.run_step(None, None, &mut step)
         }

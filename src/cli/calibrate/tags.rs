@@ -28,7 +28,7 @@ pub struct TagsArgs {
     )]
     family: Vec<Family>,
     /// One line per tag: picture, family, number, corners clockwise from the top left (pixels),
-    /// decision margin from 0 to 1, corrected bits
+    /// decision margin from 0 to 1, number of wrong bits
     #[arg(long, value_name = "FILE.csv")]
     out: PathBuf,
     /// Overwrite an existing file

@@ -4,19 +4,20 @@ use super::super::gpu::{Gpu, GpuError};
 use super::source_targets::image_count;
 use penumbra_scene::planes::Bake;
 
-/// All stored images in one texture, four texels of a row in one.
+/// All stored images in one texture; each of its texels holds four texels of a row.
 pub(super) struct Atlas {
     pub view: wgpu::TextureView,
-    /// How many are in a row of it.
+    /// Number of images in a row.
     pub across: u32,
-    /// How many the bake has filled.
+    /// Number of images of the bake.
     pub baked: u32,
 }
 
-/// Uploads it; `sources`: with room for the images of compact sources.
+/// Creates the texture and uploads the images of `bake`. With `sources`, reserves space for the
+/// images of compact sources.
 ///
 /// # Errors
-/// More images than the device can hold.
+/// The device cannot hold that many images.
 pub(super) fn atlas(gpu: &Gpu, bake: &Bake, sources: bool) -> Result<Atlas, GpuError> {
     let (device, queue) = (&gpu.device, &gpu.queue);
     let side = bake.settings.resolution;
@@ -28,9 +29,9 @@ pub(super) fn atlas(gpu: &Gpu, bake: &Bake, sources: bool) -> Result<Atlas, GpuE
         0
     };
     let count = (baked + added).max(1);
-    let most = device.limits().max_texture_dimension_2d;
-    let across = (4 * most / side).min(count);
-    if count.div_ceil(across) > most / side {
+    let max_size = device.limits().max_texture_dimension_2d;
+    let across = (4 * max_size / side).min(count);
+    if count.div_ceil(across) > max_size / side {
         let (planes, lights) = (bake.planes.len(), bake.lights());
         let reason = format!(
             "{count} basis images of {planes} planes and {lights} lights; choose fewer planes, a \

@@ -1,4 +1,4 @@
-//! The pipelines that a bake runs through.
+//! The pipelines of a bake.
 
 use super::super::bindings::{
     DepthTest, POSITION_LAYOUT, PipelineSpec, Slot, compute_layout, compute_pipeline, group,
@@ -10,7 +10,7 @@ use super::super::shaders;
 use super::super::textures::format;
 use bytemuck::{Pod, Zeroable};
 
-/// Texels along a side of a direction's map.
+/// Texels along a side of a direction's shadow map.
 pub(super) const MAP: u32 = 2048;
 
 const RECEIVER_LAYOUT: wgpu::VertexBufferLayout<'static> = wgpu::VertexBufferLayout {
@@ -41,7 +41,7 @@ pub(super) struct Direction {
     pub planes: [u32; 4],
 }
 
-/// Everything immutable.
+/// The pipelines and layouts.
 pub(super) struct BakePasses {
     receiver: wgpu::RenderPipeline,
     map: wgpu::RenderPipeline,
@@ -83,7 +83,7 @@ impl BakePasses {
             targets: &[],
             colours: wgpu::ColorWrites::ALL,
             depth: Some(DepthTest::writing(wgpu::CompareFunction::LessEqual)),
-            // Open meshes cast with both sides.
+            // Both sides of open meshes cast shadows.
             cull: None,
             samples: 1,
         };
@@ -117,7 +117,7 @@ impl BakePasses {
         }
     }
 
-    /// What a plane's camera sees of `meshes`.
+    /// Records the picture of `meshes` by a plane's camera.
     pub fn record_receiver(
         &self,
         device: &wgpu::Device,
@@ -145,7 +145,7 @@ impl BakePasses {
         }
     }
 
-    /// A map of casters; `uniform` holds its rows.
+    /// Records a shadow map of casters; `uniform` contains its matrix rows.
     pub fn record_map(
         &self,
         device: &wgpu::Device,
@@ -166,7 +166,7 @@ impl BakePasses {
         draw(&mut pass, mesh);
     }
 
-    /// Binds what [`Self::record`] works on: direction, planes, receivers; maps; sums,
+    /// Creates the bind group of [`Self::record`]: direction, planes, receivers; shadow maps; sums,
     /// visibilities, flags.
     pub fn bind(
         &self,
@@ -182,8 +182,8 @@ impl BakePasses {
         group(device, "evaluate", &self.evaluate, &all)
     }
 
-    /// Adds a direction (`finish` = false), or makes visibilities of the sums, for `planes`
-    /// planes.
+    /// Records the addition of a direction (`finish` = false), or the conversion of the sums to
+    /// visibilities, for `planes` planes.
     pub fn record(
         &self,
         encoder: &mut wgpu::CommandEncoder,
@@ -211,7 +211,7 @@ fn draw(pass: &mut wgpu::RenderPass<'_>, mesh: &MeshBuffers) {
     pass.draw_indexed(0..mesh.count, 0, 0..1);
 }
 
-/// A square texture that is drawn and read.
+/// Creates a square texture that is rendered to and read.
 pub(super) fn square(
     device: &wgpu::Device,
     label: &str,
@@ -236,7 +236,7 @@ pub(super) fn square(
     })
 }
 
-/// Depth targets of that size.
+/// Creates a square depth target.
 pub(super) fn depth_square(device: &wgpu::Device, label: &str, side: u32) -> wgpu::TextureView {
     square(device, label, side, format::DEPTH).create_view(&wgpu::TextureViewDescriptor::default())
 }

@@ -1,5 +1,5 @@
-//! What is baked, on the GPU: casters merged in the world, parts that planes look at, the
-//! planes themselves.
+//! The scene of a bake on the GPU: casters merged in world space, meshes of the receivers, and the
+//! planes.
 
 use super::super::caster_hull::CasterHull;
 use super::super::mesh_buffers::{MeshBuffers, index_buffer, is_ground};
@@ -9,7 +9,7 @@ use penumbra_scene::planes::{Layer, Receiver, ShadowingPlane};
 use penumbra_scene::{Part, Scene, casters_within};
 use wgpu::util::{BufferInitDescriptor, DeviceExt};
 
-/// Casters may be simplified by so many texels of the maps.
+/// Maximum error of simplified casters, texels of the shadow maps.
 const CASTER_TEXELS: f32 = 0.25;
 
 /// Twin of WGSL `Plane` in `bake_evaluate.wgsl`.
@@ -45,7 +45,7 @@ pub(super) struct BakeCasters {
     pub hull: CasterHull,
 }
 
-/// All of it.
+/// The scene of a bake.
 pub(super) struct BakeScene {
     pub model: BakeCasters,
     pub phantoms: BakeCasters,
@@ -53,7 +53,7 @@ pub(super) struct BakeScene {
 }
 
 impl BakeScene {
-    /// For maps of `map` texels a side.
+    /// Uploads the scene for shadow maps of `map` texels along a side.
     pub fn new(
         device: &wgpu::Device,
         queue: &wgpu::Queue,
@@ -67,13 +67,13 @@ impl BakeScene {
             .filter(|p| !is_ground(p, scene))
             .cloned()
             .collect();
-        let of_planes: Vec<BakePlane> = planes.iter().map(BakePlane::from).collect();
+        let bake_planes: Vec<BakePlane> = planes.iter().map(BakePlane::from).collect();
         let texel = extent(&scene.virtual_parts) / map as f32;
         let coarse = casters_within(scene, CASTER_TEXELS * texel);
         Self {
             model: casters(device, &coarse),
             phantoms: casters(device, &solid),
-            planes: storage(device, queue, "planes", &of_planes),
+            planes: storage(device, queue, "planes", &bake_planes),
         }
     }
 }
@@ -88,7 +88,7 @@ fn extent(parts: &[Part]) -> f32 {
 }
 
 fn positions(parts: &[Part]) -> Vec<[f32; 3]> {
-    let of = |part: &Part| -> Vec<[f32; 3]> {
+    let in_world = |part: &Part| -> Vec<[f32; 3]> {
         let world = |v: &penumbra_scene::Vertex| {
             part.world_from_part.transform_point3(v.position.as_dvec3())
         };
@@ -98,7 +98,7 @@ fn positions(parts: &[Part]) -> Vec<[f32; 3]> {
             .map(|v| world(v).as_vec3().to_array())
             .collect()
     };
-    parts.iter().flat_map(of).collect()
+    parts.iter().flat_map(in_world).collect()
 }
 
 fn casters(device: &wgpu::Device, parts: &[Part]) -> BakeCasters {
@@ -115,7 +115,7 @@ fn casters(device: &wgpu::Device, parts: &[Part]) -> BakeCasters {
     }
 }
 
-/// A part with world positions and normals, for the planes' cameras.
+/// Uploads a part with world positions and normals, for the planes' cameras.
 pub(super) fn receiver_mesh(device: &wgpu::Device, part: &Part) -> Option<MeshBuffers> {
     let normal_from_part = part.world_from_part.inverse().transpose();
     let vertices: Vec<[[f32; 3]; 2]> = part

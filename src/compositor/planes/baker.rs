@@ -1,5 +1,5 @@
-//! Bakes basis images (Kakuta 2004, section 3.2; 2007, section 2.3): for each plane and each
-//! light of the dome how much of the light arrives, texel by texel, with all casters counted.
+//! Bakes basis images (Kakuta 2004, section 3.2; 2007, section 2.3): for each plane and each light of
+//! the dome, the share of the light that reaches each texel past all casters.
 
 use super::super::caster_hull::{Fit, fit};
 use super::super::gpu::{Gpu, GpuError};
@@ -18,21 +18,21 @@ use penumbra_scene::planes::{
 use std::ops::ControlFlow;
 use wgpu::BufferUsages as U;
 
-/// Bits of a plane's flag; twins of the constants in `lib/image_flags.wgsl`.
+/// Bits of a plane's flags; twins of the constants in `lib/image_flags.wgsl`.
 const ALL_PASS: u32 = 1;
 const PHANTOMS_PASS: u32 = 2;
 const ALL_HIDE: u32 = 4;
 const PHANTOMS_HIDE: u32 = 8;
 const FACED: u32 = 16;
 
-/// Is told how many lights of how many are done, and says whether to go on.
+/// Receives the number of finished lights and of all lights, and returns whether to continue.
 pub type Progress<'a> = dyn FnMut(usize, usize) -> ControlFlow<()> + 'a;
 
-/// Bakes all images of `planes`. The key is left zero.
+/// Bakes all images of `planes`. The key of the bake is zero.
 ///
 /// # Errors
-/// The device failed, or cannot hold so many planes; settings that no bake can have;
-/// `progress` ended it.
+/// The device failed or cannot hold that many planes, the settings are out of range, or `progress`
+/// stopped the bake.
 pub fn bake(
     gpu: &Gpu,
     scene: &Scene,
@@ -45,15 +45,15 @@ pub fn bake(
     let mut baker = Baker::new(gpu, scene, &planes, settings);
     let receivers = baker.receivers(scene, &planes)?;
     let mut work = baker.work(&receivers);
-    let mut drawn = Vec::with_capacity(faces.len());
+    let mut by_light = Vec::with_capacity(faces.len());
     let mut texels = Vec::new();
     for (i, face) in faces.iter().enumerate() {
-        tell(progress, i, faces.len())?;
-        drawn.push(work.light(&baker, face, &mut texels)?);
+        report(progress, i, faces.len())?;
+        by_light.push(work.light(&baker, face, &mut texels)?);
     }
-    tell(progress, faces.len(), faces.len())?;
+    report(progress, faces.len(), faces.len())?;
     let images = (0..planes.len())
-        .flat_map(|k| drawn.iter().map(move |light| light[k]))
+        .flat_map(|k| by_light.iter().map(move |light| light[k]))
         .collect();
     Ok(Bake {
         key: [0; 32],
@@ -65,13 +65,15 @@ pub fn bake(
     })
 }
 
-pub(super) fn tell(progress: &mut Progress<'_>, done: usize, all: usize) -> Result<(), GpuError> {
+/// Reports progress; an error if it stops the bake.
+pub(super) fn report(progress: &mut Progress<'_>, done: usize, all: usize) -> Result<(), GpuError> {
     match progress(done, all) {
         ControlFlow::Continue(()) => Ok(()),
         ControlFlow::Break(()) => Err(GpuError::Stopped),
     }
 }
 
+/// Returns the faces of the dome, after a check of the settings.
 pub(super) fn faces(
     gpu: &Gpu,
     settings: BakeSettings,
@@ -98,20 +100,20 @@ pub(super) fn faces(
     let dome = GeodesicDome::new(frequency)
         .ok_or_else(|| unfit(format!("a geodesic dome of frequency {frequency}")))?;
     let sums = u64::from(resolution).pow(2) * 16 * planes as u64;
-    let most = gpu.device.limits().max_storage_buffer_binding_size;
-    if sums > most {
+    let max_size = gpu.device.limits().max_storage_buffer_binding_size;
+    if sums > max_size {
         let reason = format!(
             "{planes} planes of {resolution}² texels: {} MB, at most {} MB; choose fewer or smaller \
              ones under [planes]",
             sums >> 20,
-            most >> 20
+            max_size >> 20
         );
         return Err(unfit(reason));
     }
     Ok(dome.faces)
 }
 
-/// What stays for all lights.
+/// The parts of a bake that all lights share.
 pub(super) struct Baker<'a> {
     gpu: &'a Gpu,
     settings: BakeSettings,
@@ -138,7 +140,7 @@ impl<'a> Baker<'a> {
         }
     }
 
-    /// What each plane's camera sees.
+    /// Renders each plane's receiver image.
     pub fn receivers(
         &mut self,
         scene: &Scene,
@@ -150,7 +152,7 @@ impl<'a> Baker<'a> {
         };
         let (virtual_meshes, phantom_meshes) =
             (meshes(&scene.virtual_parts), meshes(&scene.phantom_parts));
-        let of = |plane: &ShadowingPlane| {
+        let render = |plane: &ShadowingPlane| {
             if plane.receiver == Receiver::Plane {
                 return Ok(ReceiverImage::default());
             }
@@ -164,7 +166,7 @@ impl<'a> Baker<'a> {
                 .filter_map(|i| all.get(*i as usize)?.as_ref());
             self.receiver(plane, &chosen.collect::<Vec<_>>())
         };
-        planes.iter().map(of).collect()
+        planes.iter().map(render).collect()
     }
 
     fn receiver(
@@ -209,7 +211,7 @@ impl<'a> Baker<'a> {
         Ok(receiver_image(&texels, side as usize))
     }
 
-    /// The buffers that a light's images are made in.
+    /// Creates the buffers in which a light's images are computed.
     pub fn work(&self, receivers: &[ReceiverImage]) -> Work {
         let (device, queue) = (&self.gpu.device, &self.gpu.queue);
         let side = self.settings.resolution as usize;
@@ -255,7 +257,7 @@ fn view_of(plane: &ShadowingPlane) -> ReceiverView {
     }
 }
 
-/// What a light's images are made in.
+/// The buffers in which a light's images are computed.
 pub(super) struct Work {
     uniforms: [wgpu::Buffer; 3],
     maps: [wgpu::TextureView; 2],
@@ -267,7 +269,8 @@ pub(super) struct Work {
 }
 
 impl Work {
-    /// One light: its images of all planes. Those that are stored are put at the end of `texels`.
+    /// Bakes the images of one light on all planes. Images that are neither black nor white are
+    /// appended to `texels`.
     pub fn light(
         &mut self,
         baker: &Baker<'_>,
@@ -285,7 +288,7 @@ impl Work {
                 encoder.clear_buffer(&self.flags, 0, None);
             }
             self.maps(baker, &mut encoder, *towards, *weight);
-            // In small pieces, so that a picture that is being made meanwhile need not wait long.
+            // Submitted in small parts, so that a picture composed meanwhile is not delayed.
             queue.submit([encoder.finish()]);
             baker.gpu.wait()?;
             let mut encoder =
@@ -302,7 +305,7 @@ impl Work {
         Ok(self.images(&bytes, baker, texels))
     }
 
-    /// Both maps of one direction.
+    /// Renders both shadow maps of one direction.
     fn maps(
         &self,
         baker: &Baker<'_>,
@@ -314,12 +317,17 @@ impl Work {
         let casters = [&baker.scene.model, &baker.scene.phantoms];
         let fits = casters.map(|c: &BakeCasters| fit(&c.hull, towards, MAP));
         let [model, phantoms]: [Fit; 2] = fits;
-        let is = |c: &BakeCasters| if c.mesh.is_some() { 1.0 } else { 0.0 };
+        let exists = |c: &BakeCasters| if c.mesh.is_some() { 1.0 } else { 0.0 };
         let uniform = Direction {
             model: model.rows,
             phantoms: phantoms.rows,
             towards: towards.extend(weight).to_array(),
-            texels: [model.texel, phantoms.texel, is(casters[0]), is(casters[1])],
+            texels: [
+                model.texel,
+                phantoms.texel,
+                exists(casters[0]),
+                exists(casters[1]),
+            ],
             planes: [0; 4],
         };
         queue.write_buffer(&self.uniforms[0], 0, bytemuck::bytes_of(&uniform));
@@ -357,14 +365,15 @@ impl Work {
                 keep(at)
             }
         };
-        let of = |k: usize| {
+        let basis = |k: usize| {
             let flag = bytemuck::pod_read_unaligned(&flags[4 * k..4 * k + 4]);
             let past_all = image(flag, ALL_PASS, ALL_HIDE, k * one);
             let faced = flag & FACED != 0;
             let past_phantoms = if faced && baker.layers[k] == Layer::Virtual {
                 Image::White
             } else {
-                // Twice black means that nothing faces the light, and not that all is lost.
+                // Black in both images means that no texel faces the light, not that all of it is
+                // blocked.
                 let kept = flag
                     | if faced && past_all == Image::Black {
                         PHANTOMS_PASS
@@ -378,12 +387,12 @@ impl Work {
                 past_phantoms,
             }
         };
-        (0..planes).map(of).collect()
+        (0..planes).map(basis).collect()
     }
 }
 
-/// Directions spread over a face and their shares: its centre, or the centres of the small
-/// triangles that it is cut into.
+/// Returns directions that are evenly distributed over a face, and their shares: its centre, or the
+/// centres of the small triangles into which it is divided.
 fn directions(face: &Face, samples: u32) -> Vec<(Vec3, f32)> {
     let side = samples.isqrt().max(1);
     if side == 1 {

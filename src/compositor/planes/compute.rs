@@ -1,6 +1,6 @@
 //! Buffers of compute passes.
 
-/// A buffer of `bytes` bytes (at least 16), zeroed.
+/// Creates a buffer of `bytes` bytes (at least 16), zeroed.
 pub(super) fn buffer_of(
     device: &wgpu::Device,
     label: &str,
@@ -15,7 +15,7 @@ pub(super) fn buffer_of(
     })
 }
 
-/// A storage buffer that holds `contents` (zeros where there are none).
+/// Creates a storage buffer with `contents`, or with zeros if they are empty.
 pub(super) fn storage<T: bytemuck::Pod>(
     device: &wgpu::Device,
     queue: &wgpu::Queue,
@@ -25,9 +25,10 @@ pub(super) fn storage<T: bytemuck::Pod>(
     let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST;
     let bytes: &[u8] = bytemuck::cast_slice(contents);
     let buffer = buffer_of(device, label, bytes.len() as u64, usage);
-    let whole = bytes.len() - bytes.len() % 4;
-    if whole > 0 {
-        queue.write_buffer(&buffer, 0, &bytes[..whole]);
+    // Writes are multiples of four bytes.
+    let length = bytes.len() - bytes.len() % 4;
+    if length > 0 {
+        queue.write_buffer(&buffer, 0, &bytes[..length]);
     }
     buffer
 }

@@ -1,9 +1,8 @@
 //! The luminance parameters S_i of a geodesic dome's faces, summed from the environment's
 //! pixels (Kakuta et al. 2007, section 3.1).
 //!
-//! A software driver runs the shader on the processor that has the pixels in its caches
-//! already, and loads every number by itself: 11 ms for 786,000 pixels on two cores, against
-//! 1.3 to 2.5 ms for the CPU twin on one. There the twin does it.
+//! A software driver runs the shader on the processor, where it is several times slower than the
+//! CPU implementation, which has the pixels in its caches. There the CPU implementation is used.
 
 use crate::bindings::{Slot, compute_layout, compute_pipeline, group};
 use crate::gpu::Gpu;
@@ -15,7 +14,7 @@ use std::mem::size_of;
 use std::sync::Arc;
 use wgpu::BufferUsages as Usage;
 
-/// Pixels that one workgroup adds up: 64 for each of its invocations.
+/// Pixels that one workgroup sums: 64 in each of its invocations.
 const CHUNK: u32 = 4096;
 
 /// The light cannot be summed on this device.
@@ -30,27 +29,28 @@ pub enum LuminanceError {
     TooManyPixels {
         /// Pixels and texels of the upper hemisphere.
         pixels: usize,
-        /// What their radiance takes.
+        /// Size of their radiance, bytes.
         bytes: u64,
-        /// Greatest storage buffer.
+        /// Maximum size of a storage buffer, bytes.
         most: u64,
     },
 }
 
-/// Adds up each face's light. One for as long as the device lasts.
+/// Sums the light of each face.
 pub struct LuminancePass {
-    /// None where the processor does it.
+    /// `None` where the sums are computed on the CPU.
     shaders: Option<Shaders>,
     /// In the order of their bindings.
     buffers: [wgpu::Buffer; 7],
     bound: Option<wgpu::BindGroup>,
-    /// What the tables hold. Held, so that no other can come to lie at its place.
+    /// The source of the tables. Owned, so that no other one can have its address, by which it is
+    /// recognised.
     membership: Option<Arc<Membership>>,
     generation: Option<u64>,
     tables: Tables,
-    /// Something is there that was not summed, or not told.
+    /// There is an upload that [`Self::record`] has not yet processed or reported.
     due: bool,
-    /// Memory of the processor's sums, as they are and as the device reads them.
+    /// Buffers of the sums on the CPU: as computed, and in the layout of the device.
     sums: Vec<Vec3>,
     rows: Vec<[f32; 4]>,
 }
@@ -76,7 +76,7 @@ impl Shaders {
     }
 }
 
-/// Chunks of faces, and faces as ranges of chunks.
+/// The chunks of the faces (first pixel, number of pixels), and each face as a range of chunks.
 #[derive(Default)]
 struct Tables {
     chunks: Vec<[u32; 2]>,
@@ -97,7 +97,7 @@ impl Tables {
     }
 }
 
-/// Which buffer is which.
+// Indices of the buffers.
 const CHUNKS: usize = 0;
 const FACES: usize = 1;
 const PIXELS: usize = 2;
@@ -107,7 +107,7 @@ const PARTIAL: usize = 5;
 const SUMS: usize = 6;
 
 impl LuminancePass {
-    /// The quicker way for an adapter.
+    /// Creates the pass with the faster implementation for the adapter.
     #[must_use]
     pub fn for_adapter(gpu: &Gpu) -> Self {
         if gpu.software {
@@ -117,8 +117,8 @@ impl LuminancePass {
         }
     }
 
-    /// Sums on the device, whatever it is. Compiles the shaders; buffers are made when there
-    /// is light.
+    /// Creates the pass with the implementation on the device. Compiles the shaders; buffers are
+    /// allocated at the first upload.
     #[must_use]
     pub fn new(device: &wgpu::Device) -> Self {
         Self::with(device, Some(Shaders::new(device)))
@@ -138,11 +138,11 @@ impl LuminancePass {
         }
     }
 
-    /// Takes over what changed: the table when it is another one, radiance when `generation`
-    /// is (that of the [`penumbra_lighting::Lighting`] it belongs to).
+    /// Uploads the changed parts of `light`: the table if it is another one, the radiance if
+    /// `generation`, that of its [`penumbra_lighting::Lighting`], is another one.
     ///
     /// # Errors
-    /// More pixels than the device can bind; what was there before stays.
+    /// There are more pixels than the device can bind; the previous light is kept.
     pub fn upload(
         &mut self,
         device: &wgpu::Device,
@@ -170,15 +170,15 @@ impl LuminancePass {
             let radiance: &[u8] = bytemuck::cast_slice(light.radiance.as_slice());
             self.write(device, queue, RADIANCE, radiance);
         } else {
-            self.sum_here(device, queue, light);
+            self.sum_on_cpu(device, queue, light);
         }
         self.generation = Some(generation);
         self.due = true;
         Ok(())
     }
 
-    /// Lets the processor sum.
-    fn sum_here(&mut self, device: &wgpu::Device, queue: &wgpu::Queue, light: &FaceLight) {
+    /// Computes the sums on the CPU and uploads them.
+    fn sum_on_cpu(&mut self, device: &wgpu::Device, queue: &wgpu::Queue, light: &FaceLight) {
         sum_faces_into(light, &mut self.sums);
         let mut rows = std::mem::take(&mut self.rows);
         rows.clear();
@@ -206,7 +206,7 @@ impl LuminancePass {
         }
     }
 
-    /// Makes a buffer larger where it must be.
+    /// Replaces a buffer that is too small.
     fn reserve(&mut self, device: &wgpu::Device, at: usize, bytes: u64) {
         if self.buffers[at].size() < bytes {
             self.buffers[at] = buffer(device, at, bytes);
@@ -214,8 +214,8 @@ impl LuminancePass {
         }
     }
 
-    /// Records the sums, if anything changed since the last call; true if so. `timer` calls it
-    /// "luminance".
+    /// Records the sums if there was an upload since the last call, and returns whether there was.
+    /// The `timer` lists the pass as "luminance".
     pub fn record(
         &mut self,
         device: &wgpu::Device,
@@ -249,14 +249,14 @@ impl LuminancePass {
     }
 
     /// Irradiance S_i on a surface that faces the light, RGB in the scene camera's units, one
-    /// `vec4f` a face; at least [`Self::faces`] of them. Another buffer after an upload of a
-    /// dome with more faces: see [`Self::faces`].
+    /// `vec4f` per face; at least [`Self::faces`] of them. The buffer is replaced by an upload of a
+    /// dome with more faces.
     #[must_use]
     pub const fn buffer(&self) -> &wgpu::Buffer {
         &self.buffers[SUMS]
     }
 
-    /// Faces of the dome; 0 before the first light.
+    /// Number of faces of the dome; 0 before the first upload.
     #[must_use]
     pub const fn faces(&self) -> u32 {
         self.tables.faces.len() as u32
@@ -276,7 +276,7 @@ fn buffer(device: &wgpu::Device, at: usize, size: u64) -> wgpu::Buffer {
     })
 }
 
-/// Whether the device can bind it all.
+/// Checks that the device can bind the radiance and the table.
 fn check(limits: &wgpu::Limits, light: &FaceLight) -> Result<(), LuminanceError> {
     let most = limits
         .max_storage_buffer_binding_size

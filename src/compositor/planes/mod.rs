@@ -1,5 +1,5 @@
-//! Shadowing planes on the GPU: baking ahead of time, and in each frame the sums of basis
-//! images over the light of now.
+//! Shadowing planes on the GPU: baking in advance, and in each frame the sums of the basis images,
+//! weighted with the current light.
 
 mod atlas;
 mod bake_passes;

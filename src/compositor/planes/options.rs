@@ -6,12 +6,13 @@ use penumbra_scene::PlaneShading;
 /// outdoors the sun is the only one; in a room the third source casts faint shadows.
 pub const MAX_SOURCES: usize = 2;
 
-/// When sums are made anew. All are shares of all the light that a plane gets.
+/// When a plane's sum is recomputed. Both are shares of the total light that a plane receives.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Thresholds {
-    /// Lights that give less are left out: of 40 lights; of more in proportion.
+    /// Lights that contribute less are skipped; for 40 lights, and for other numbers in inverse
+    /// proportion.
     pub skip_below: f32,
-    /// A plane is left alone while its light is off by less.
+    /// A plane is not recomputed while its light deviates by less.
     pub recompute_above: f32,
 }
 
@@ -27,8 +28,8 @@ impl Default for Thresholds {
 /// How planes are used in a frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct PlanesChoice {
-    /// When sums are made anew.
+    /// When sums are recomputed.
     pub thresholds: Thresholds,
-    /// What virtual objects are shaded by.
+    /// Light with which virtual objects are shaded.
     pub shading: PlaneShading,
 }

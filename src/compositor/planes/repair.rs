@@ -2,7 +2,7 @@
 //! from the old bake.
 
 use super::super::gpu::{Gpu, GpuError};
-use super::baker::{Baker, Progress, faces, tell};
+use super::baker::{Baker, Progress, faces, report};
 use penumbra_scene::Scene;
 use penumbra_scene::planes::renew::Renewal;
 use penumbra_scene::planes::{Bake, Basis, Image, ReceiverImage, ShadowingPlane};
@@ -34,7 +34,7 @@ pub fn repair(
     let receivers = baker.receivers(scene, &planes)?;
     let mut work = baker.work(&receivers);
     for (i, face) in faces.iter().enumerate() {
-        tell(progress, i, lights)?;
+        report(progress, i, lights)?;
         if active.iter().any(|k| row(*k)[i]) {
             let drawn = work.light(&baker, face, &mut repaired.texels)?;
             for (k, basis) in active.iter().zip(drawn) {
@@ -42,7 +42,7 @@ pub fn repair(
             }
         }
     }
-    tell(progress, lights, lights)?;
+    report(progress, lights, lights)?;
     Ok(repaired.finish(renewal, receivers, &active))
 }
 

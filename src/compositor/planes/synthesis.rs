@@ -1,5 +1,5 @@
-//! In each frame: which basis images have to be summed, and their sums (Kakuta 2004, 2007).
-//! Everything is decided on the device; the host only hears of it afterwards.
+//! Determines in each frame which basis images must be summed, and sums them (Kakuta 2004, 2007).
+//! The device decides; the host can read afterwards what was done.
 
 use super::super::bindings::{self, Slot, compute_layout, compute_pipeline, sampler, view};
 use super::super::gpu::{Gpu, GpuError};
@@ -8,7 +8,7 @@ use super::super::timing::Timer;
 use super::atlas::{Atlas, atlas};
 use super::compute::{buffer_of, storage};
 use super::options::Thresholds;
-use super::readback::look_at;
+use super::readback::with_bytes;
 use super::receiver::words;
 use super::source_targets::{SOURCE_LIGHTS, SourceTargets};
 use super::visible_planes::{VisiblePlane, VisiblePlanes};
@@ -19,8 +19,8 @@ use penumbra_lighting::geodesic::GeodesicDome;
 use penumbra_scene::planes::{Bake, Basis, Image, Layer, Receiver, ShadowingPlane};
 use wgpu::BufferUsages as U;
 
-/// The papers' number of lights, for which [`Thresholds::skip_below`] is meant: of more lights
-/// each gives less.
+/// The papers' number of lights, to which [`Thresholds::skip_below`] refers: of more lights, each
+/// contributes less.
 const PAPERS_LIGHTS: f32 = 40.0;
 
 /// Twin of WGSL `Settings` in `lib/sum_planes.wgsl`.
@@ -58,7 +58,7 @@ struct Job {
     asum: [f32; 4],
 }
 
-/// What a frame had to do.
+/// The work of one frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct PlaneWork {
     /// Planes that face the viewer and lie in the picture.
@@ -67,30 +67,30 @@ pub struct PlaneWork {
     pub recomputed: usize,
     /// Basis images that were summed.
     pub images: usize,
-    /// Basis images of the planes in sight, as many as there would be without any saving.
+    /// Basis images of the visible planes: those that a complete sum would read.
     pub images_in_sight: usize,
-    /// Lights that were left out on the plane where most were.
+    /// Maximum over the planes of the number of skipped lights.
     pub lights_skipped: usize,
-    /// Compact sources that are lit by images of their own, from their true directions.
+    /// Compact sources with basis images of their own, which are lit from their true directions.
     pub sources: usize,
-    /// Such images drawn since the bake was put in force.
+    /// Basis images of compact sources rendered since the bake was set.
     pub source_images: u64,
 }
 
-/// What outlives any bake.
+/// The pipelines and layouts, which do not depend on a bake.
 pub struct SynthesisPasses {
     plan: wgpu::ComputePipeline,
-    whole: wgpu::ComputePipeline,
+    sum_by_normal: wgpu::ComputePipeline,
     plan_layout: wgpu::BindGroupLayout,
     sum_layout: wgpu::BindGroupLayout,
     plane_layout: wgpu::BindGroupLayout,
-    /// What the passes that show planes bind.
+    /// Layout of [`Synthesis::group`].
     pub shown_layout: wgpu::BindGroupLayout,
     smooth: wgpu::Sampler,
 }
 
 impl SynthesisPasses {
-    /// Compiles it.
+    /// Compiles the pipelines.
     #[must_use]
     pub fn new(device: &wgpu::Device) -> Self {
         let (read, write) = (Slot::Storage, Slot::StorageWritten);
@@ -117,7 +117,7 @@ impl SynthesisPasses {
         let module = shaders::one(device, shaders::planning());
         Self {
             plan: compute_pipeline(device, &module, &[&plan_layout], "plan"),
-            whole: compute_pipeline(device, &module, &[&plan_layout], "asum_by_normal"),
+            sum_by_normal: compute_pipeline(device, &module, &[&plan_layout], "asum_by_normal"),
             shown_layout: bindings::layout(device, "shown planes", &slots),
             plan_layout,
             sum_layout,
@@ -131,30 +131,30 @@ impl SynthesisPasses {
         }
     }
 
-    /// Sums on planes of the real layer, and on those of the other.
-    fn sums(&self, device: &wgpu::Device, of: [Summing; 2]) -> [wgpu::ComputePipeline; 2] {
-        of.map(|of| {
-            let module = shaders::one(device, shaders::summing(of));
+    /// Creates the pipelines that sum on planes of the real layer and of the virtual layer.
+    fn sums(&self, device: &wgpu::Device, layers: [Summing; 2]) -> [wgpu::ComputePipeline; 2] {
+        layers.map(|layer| {
+            let module = shaders::one(device, shaders::summing(layer));
             let groups = [&self.sum_layout, &self.plane_layout];
             compute_pipeline(device, &module, &groups, "sum")
         })
     }
 }
 
-/// One bake on the device, and the sums over it.
+/// A bake on the device, and its sums.
 pub struct Synthesis {
     settings: Settings,
     dome_lights: u32,
     atlas: Atlas,
     visible_planes: VisiblePlanes,
     buffers: Buffers,
-    /// And the luminances that it was made for.
+    /// The group, and the buffer of luminances that it binds.
     plan_group: Option<(wgpu::Buffer, wgpu::BindGroup)>,
     sums: [wgpu::ComputePipeline; 2],
     sum_group: wgpu::BindGroup,
     plane_group: wgpu::BindGroup,
     shown_group: wgpu::BindGroup,
-    whole: wgpu::TextureView,
+    by_normal: wgpu::TextureView,
     visible: Vec<u32>,
     uploaded: Option<Settings>,
 }
@@ -173,13 +173,13 @@ struct Buffers {
 }
 
 impl Buffers {
-    /// The buffers of a bake to whose lights `added` ones of compact sources are added.
+    /// Creates the buffers of a bake with `added` more lights for compact sources.
     fn new(
         device: &wgpu::Device,
         queue: &wgpu::Queue,
         bake: &Bake,
         (settings, added): (Settings, usize),
-        of_planes: &[SumPlane],
+        sum_planes: &[SumPlane],
     ) -> Self {
         let (planes, lights) = (bake.planes.len(), settings.lights as usize);
         let dome = GeodesicDome::new(bake.settings.frequency);
@@ -189,7 +189,7 @@ impl Buffers {
             .map(|f| f.centre.extend(0.0).to_array())
             .chain(std::iter::repeat_n([0.0; 4], added))
             .collect();
-        let slots = numbers_of_images(bake, added);
+        let numbers = image_numbers(bake, added);
         let kept =
             |label, bytes: usize, usage| buffer_of(device, label, bytes as u64, U::STORAGE | usage);
         let stride = settings.stride as usize;
@@ -197,11 +197,11 @@ impl Buffers {
         Self {
             settings: kept("plane settings", size_of::<Settings>(), U::COPY_DST),
             faces: storage(device, queue, "faces", &faces),
-            planes: storage(device, queue, "planes", of_planes),
+            planes: storage(device, queue, "planes", sum_planes),
             visible: kept("visible", planes * 4, U::COPY_DST),
             applied: kept("applied", planes * lights * 16, U::empty()),
             work: kept("work", planes * stride * ENTRY, U::UNIFORM),
-            basis: storage(device, queue, "basis", &slots),
+            basis: storage(device, queue, "basis", &numbers),
             jobs: kept("jobs", jobs, U::COPY_SRC | U::INDIRECT),
             readable: buffer_of(device, "jobs", jobs as u64, U::COPY_DST | U::MAP_READ),
             shown: kept("shown", VisiblePlanes::bytes(planes), U::COPY_DST),
@@ -209,7 +209,7 @@ impl Buffers {
     }
 }
 
-/// The settings of a bake to whose lights `added` ones of compact sources are added.
+/// Returns the settings of a bake with `added` more lights for compact sources.
 fn settings(bake: &Bake, added: usize) -> Settings {
     let lights = bake.lights() + added;
     let real = bake.planes.iter().filter(|p| p.layer == Layer::Real);
@@ -218,13 +218,13 @@ fn settings(bake: &Bake, added: usize) -> Settings {
         lights: lights as u32,
         side: bake.settings.resolution,
         real: real.count() as u32,
-        // Uniforms of different planes lie 256 bytes apart, or a multiple of that.
+        // Offsets of uniforms are multiples of 256 bytes.
         stride: lights.next_multiple_of(256 / ENTRY) as u32,
         ..Settings::default()
     }
 }
 
-/// The group of one plane: its lights in `work`, and its number.
+/// Creates the group of one plane: its lights in `work`, and its number.
 fn plane_group(
     device: &wgpu::Device,
     queue: &wgpu::Queue,
@@ -247,10 +247,10 @@ fn plane_group(
 }
 
 impl Synthesis {
-    /// Uploads `bake`; `sources`: with room for the images of compact sources.
+    /// Uploads `bake`. With `sources`, reserves space for the images of compact sources.
     ///
     /// # Errors
-    /// More images than the device can hold.
+    /// The device cannot hold that many images.
     pub fn new(
         gpu: &Gpu,
         passes: &SynthesisPasses,
@@ -260,12 +260,12 @@ impl Synthesis {
         let (device, queue) = (&gpu.device, &gpu.queue);
         let side = bake.settings.resolution;
         let added = if sources { SOURCE_LIGHTS } else { 0 };
-        let (of_planes, vectors) = sum_planes(bake);
+        let (planes, vectors) = sum_planes(bake);
         let settings = settings(bake, added);
-        let buffers = Buffers::new(device, queue, bake, (settings, added), &of_planes);
+        let buffers = Buffers::new(device, queue, bake, (settings, added), &planes);
         let layers = [settings.planes, settings.real];
         let shares = layers.map(|layers| half_floats(device, side, layers));
-        let whole = half_floats(device, shaders::BY_NORMAL, 1);
+        let by_normal = half_floats(device, shaders::BY_NORMAL, 1);
         let atlas = atlas(gpu, bake, added > 0)?;
         let receivers = bake.receivers.iter();
         let receivers: Vec<_> = receivers.flat_map(|r| words(r, side as usize)).collect();
@@ -279,11 +279,11 @@ impl Synthesis {
             sums.as_entire_binding(),
             view(&shares[0]),
             view(&shares[1]),
-            view(&whole),
+            view(&by_normal),
             sampler(&passes.smooth),
         ];
         let sum_group = bindings::group(device, "sum", &passes.sum_layout, &resources);
-        let of = [true, false].map(|real| Summing {
+        let summing = [true, false].map(|real| Summing {
             real,
             lights: settings.lights,
             across: atlas.across,
@@ -303,17 +303,17 @@ impl Synthesis {
             settings,
             visible_planes: VisiblePlanes::new(bake),
             plan_group: None,
-            sums: passes.sums(device, of),
+            sums: passes.sums(device, summing),
             sum_group,
             plane_group: plane_group(device, queue, passes, &buffers.work, settings),
             buffers,
             shown_group,
-            whole,
+            by_normal,
             uploaded: None,
         })
     }
 
-    /// What the images of compact sources are written into.
+    /// The buffers and textures into which the images of compact sources are written.
     pub(super) const fn source_targets(&self) -> SourceTargets<'_> {
         SourceTargets {
             planes: self.settings.planes as usize,
@@ -327,24 +327,25 @@ impl Synthesis {
         }
     }
 
-    /// What the passes that show planes bind.
+    /// The bind group of the passes that display planes.
     #[must_use]
     pub const fn group(&self) -> &wgpu::BindGroup {
         &self.shown_group
     }
 
-    /// Box around everything that planes of the real layer cover, world: low and high.
+    /// Bounding box of the planes of the real layer, world: minimum and maximum.
     #[must_use]
     pub const fn bounds(&self) -> (DVec3, DVec3) {
         self.visible_planes.bounds
     }
 
-    /// Puts the bake's `planes` where a motion carries them.
+    /// Moves the bake's `planes` with the objects that carry them.
     pub fn place(&mut self, planes: &[ShadowingPlane], world_from_bake: RigidTransform) {
         self.visible_planes.place(planes, world_from_bake);
     }
 
-    /// Finds the planes that `eye` can see through `clip_from_world`, and uploads them.
+    /// Determines the planes that are visible from `eye` in the view `clip_from_world`, and uploads
+    /// them.
     pub fn prepare(
         &mut self,
         queue: &wgpu::Queue,
@@ -374,8 +375,8 @@ impl Synthesis {
         let settings = Settings {
             skip_below: thresholds.skip_below * PAPERS_LIGHTS / lights,
             recompute_above: thresholds.recompute_above,
-            // Lights that are off by less stay as they are when others are mended: together they
-            // are off by the threshold once more at most.
+            // Lights that deviate by less are not updated together with the others; their sum
+            // deviates by at most the threshold again.
             least_change: thresholds.recompute_above / lights,
             ..self.settings
         };
@@ -385,8 +386,8 @@ impl Synthesis {
         }
     }
 
-    /// Plans and sums. `luminance` holds one vector per light, face of the dome or compact source,
-    /// and whether any is other than in the last picture.
+    /// Records planning and summing. `luminance` has one vector per light (face of the dome or
+    /// compact source), and whether any has changed since the last picture.
     pub fn record(
         &mut self,
         device: &wgpu::Device,
@@ -413,7 +414,7 @@ impl Synthesis {
                 &b.basis,
             ];
             let mut resources: Vec<_> = all.iter().map(|b| b.as_entire_binding()).collect();
-            resources.push(view(&self.whole));
+            resources.push(view(&self.by_normal));
             let group = bindings::group(device, "plan", &passes.plan_layout, &resources);
             (luminance.clone(), group)
         }));
@@ -433,7 +434,7 @@ impl Synthesis {
                 pass.set_bind_group(0, &*plan_group, &[]);
                 pass.dispatch_workgroups(planes.div_ceil(64), 1, 1);
                 if changed {
-                    pass.set_pipeline(&passes.whole);
+                    pass.set_pipeline(&passes.sum_by_normal);
                     pass.dispatch_workgroups(shaders::BY_NORMAL.pow(2).div_ceil(64), 1, 1);
                 }
                 continue;
@@ -449,12 +450,12 @@ impl Synthesis {
         encoder.copy_buffer_to_buffer(&b.jobs, 0, &b.readable, 0, b.jobs.size());
     }
 
-    /// What the last frame had to do; waits for it.
+    /// Returns the work of the last frame; waits for its completion.
     ///
     /// # Errors
     /// The device failed.
     pub fn work(&self, gpu: &Gpu) -> Result<PlaneWork, GpuError> {
-        look_at(gpu, &self.buffers.readable, |bytes| self.work_of(bytes))
+        with_bytes(gpu, &self.buffers.readable, |bytes| self.work_of(bytes))
     }
 
     fn work_of(&self, jobs: &[u8]) -> PlaneWork {
@@ -472,12 +473,12 @@ impl Synthesis {
     }
 }
 
-/// The planes, and how many vectors their sums take: six for four texels on the real layer,
-/// three on the other.
+/// Returns the planes and the number of vectors of their sums: for four texels six on the real
+/// layer, three on the virtual one.
 fn sum_planes(bake: &Bake) -> (Vec<SumPlane>, usize) {
     let words = bake.settings.resolution.pow(2) / 4;
     let mut begin = 0;
-    let of = |plane: &ShadowingPlane| {
+    let encode = |plane: &ShadowingPlane| {
         let at = begin;
         begin += words * if plane.layer == Layer::Real { 6 } else { 3 };
         SumPlane {
@@ -485,20 +486,20 @@ fn sum_planes(bake: &Bake) -> (Vec<SumPlane>, usize) {
             kind: [u32::from(plane.receiver == Receiver::Plane), at, 0, 0],
         }
     };
-    let planes = bake.planes.iter().map(of).collect();
+    let planes = bake.planes.iter().map(encode).collect();
     (planes, begin as usize)
 }
 
-/// Bytes of WGSL `Entry`.
+/// Size of WGSL `Entry`, bytes.
 const ENTRY: usize = 32;
 
-/// Numbers of all images, per plane those of the dome's lights and `added` more that are not
-/// there yet.
-fn numbers_of_images(bake: &Bake, added: usize) -> Vec<[u32; 2]> {
-    let of = |b: &Basis| [number(b.past_all), number(b.past_phantoms)];
+/// Returns the numbers of all images: per plane those of the dome's lights, and `added` more, which
+/// do not exist yet.
+fn image_numbers(bake: &Bake, added: usize) -> Vec<[u32; 2]> {
+    let both = |b: &Basis| [number(b.past_all), number(b.past_phantoms)];
     let none = [number(Image::Black); 2];
     let rows = bake.images.chunks(bake.lights().max(1));
-    rows.flat_map(|row| row.iter().map(of).chain(std::iter::repeat_n(none, added)))
+    rows.flat_map(|row| row.iter().map(both).chain(std::iter::repeat_n(none, added)))
         .collect()
 }
 
@@ -510,7 +511,7 @@ fn uniforms(device: &wgpu::Device, queue: &wgpu::Queue, each: &[[u32; 64]]) -> w
     buffer
 }
 
-/// As the shader tells images apart.
+/// Returns the number by which the shader identifies an image.
 const fn number(image: Image) -> u32 {
     match image {
         Image::Black => u32::MAX,
@@ -519,7 +520,7 @@ const fn number(image: Image) -> u32 {
     }
 }
 
-/// An array of square textures that compute shaders write.
+/// Creates an array of square textures that compute shaders write.
 fn half_floats(device: &wgpu::Device, side: u32, layers: u32) -> wgpu::TextureView {
     let texture = device.create_texture(&wgpu::TextureDescriptor {
         label: Some("shares"),

@@ -1,6 +1,6 @@
 //! The example `detect` works.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+#![expect(clippy::unwrap_used)]
 
 #[path = "../examples/detect.rs"]
 #[expect(dead_code, reason = "its `main` parses the command line")]

@@ -9,7 +9,7 @@ impl EnvironmentEstimator {
     #[must_use]
     pub fn radiance_at(&self, direction: Vec3, half_angle: f32) -> Option<[f32; 3]> {
         let direction = direction.try_normalize()?;
-        let least = half_angle.cos();
+        let min_cosine = half_angle.cos();
         let (mut sum, mut seen, mut total) = (Vec3::ZERO, 0.0, 0.0);
         let rows = self
             .grid
@@ -17,7 +17,7 @@ impl EnvironmentEstimator {
             .iter()
             .zip(&self.grid.solid_angles)
             .enumerate();
-        for (i, (_, w)) in rows.filter(|(_, (d, _))| d.dot(direction) >= least) {
+        for (i, (_, w)) in rows.filter(|(_, (d, _))| d.dot(direction) >= min_cosine) {
             sum += self.measured[i] * (w * self.coverage[i]);
             seen += w * self.coverage[i];
             total += w;

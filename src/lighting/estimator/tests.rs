@@ -1,4 +1,3 @@
-#![allow(clippy::unwrap_used, clippy::panic)]
 //! Estimates from rendered pictures compared with closed-form solutions.
 
 use super::*;

@@ -78,7 +78,6 @@ impl FaceOfPixel {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::super::GeodesicDome;
     use super::*;
     use crate::cube::CubeGrid;

@@ -1,5 +1,3 @@
-#![allow(clippy::unwrap_used)]
-
 use super::*;
 use crate::cube::CubeGrid;
 use crate::resample::PixelDirections;

@@ -1,4 +1,3 @@
-#![allow(clippy::unwrap_used)]
 use super::*;
 
 /// Interval of pictures and time constant of the accumulation, seconds.

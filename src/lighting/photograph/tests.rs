@@ -1,4 +1,3 @@
-#![allow(clippy::unwrap_used, clippy::panic)]
 //! Real photographs with published light directions, in `../shared`.
 
 use super::*;

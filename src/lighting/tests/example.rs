@@ -1,7 +1,5 @@
 //! Runs the example `estimate_light` and checks its result.
 
-#![allow(clippy::unwrap_used)]
-
 #[path = "../examples/estimate_light.rs"]
 #[expect(dead_code, reason = "its `main` prints")]
 mod estimate_light;

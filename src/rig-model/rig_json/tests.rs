@@ -1,4 +1,3 @@
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 use super::*;
 use glam::{DVec2, DVec3, Vec3};
 use penumbra_camera::{EnvironmentView, Response};

@@ -58,7 +58,7 @@ fn make(parameters: &Parameters, rig: &RigContext) -> Result<Box<dyn Step>, Para
         model,
         square_pixels: true,
     };
-    let present_lenses = KnownLenses::of(&rig.document);
+    let present_lenses = KnownLenses::from_rig(&rig.document);
     let step = IntrinsicsStep::new(camera, board, options, present_lenses);
     Ok(Box::new(step))
 }

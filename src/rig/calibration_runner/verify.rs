@@ -5,7 +5,7 @@ use crate::error::RigError;
 use crate::light::estimator::chart_match;
 use crate::markers;
 use penumbra_calibration::step::Step;
-use penumbra_calibration::verify::{Known, Verify};
+use penumbra_calibration::verify::{CheckedRig, Verify};
 use penumbra_camera::EnvironmentView;
 use penumbra_config::Config;
 use penumbra_rig_model::Attachments;
@@ -59,7 +59,7 @@ pub fn verify_step(
     if let Some(gains) = rig.gains.filter(|_| !same_camera) {
         white_balance.set_calibrated(gains);
     }
-    let known = Known {
+    let known = CheckedRig {
         caster: Some(RayCaster::from_phantoms(&scene)),
         map,
         station: station(config),

@@ -82,7 +82,6 @@ fn material(srgb: u32, roughness: f32) -> Material {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
     use super::*;
     use crate::check::{check_mesh, triangles};
     use std::collections::HashMap;

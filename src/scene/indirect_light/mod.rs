@@ -150,7 +150,6 @@ impl IndirectLightSolver {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
     use super::*;
     use crate::casters::casters;
     use crate::mesh::Material;

@@ -126,19 +126,19 @@ fn directions(own: &[&Fragment]) -> Vec<DVec3> {
 }
 
 /// The directions of the largest areas; directions similar to an earlier one are added to it.
-fn merged(mut faces: Vec<(DVec3, f64)>, most: usize) -> Vec<DVec3> {
+fn merged(mut faces: Vec<(DVec3, f64)>, max: usize) -> Vec<DVec3> {
     faces.sort_by(|a, b| b.1.total_cmp(&a.1));
     let mut groups: Vec<(DVec3, DVec3, f64)> = Vec::new();
     for (normal, area) in faces {
         if let Some(group) = groups.iter_mut().find(|g| g.0.dot(normal) > SAME) {
             group.1 += normal * area;
             group.2 += area;
-        } else if groups.len() < 4 * most {
+        } else if groups.len() < 4 * max {
             groups.push((normal, normal * area, area));
         }
     }
     groups.sort_by(|a, b| b.2.total_cmp(&a.2));
-    groups.truncate(most);
+    groups.truncate(max);
     groups.iter().map(|g| g.1.normalize_or(g.0)).collect()
 }
 
@@ -217,13 +217,14 @@ fn served_by(plane: &ShadowingPlane, fragments: &[Fragment]) -> Vec<(u32, f32)> 
 }
 
 /// Selects greedily at most `count` candidates in addition to those that are `kept`, until the gain
-/// falls below `least` times that of the best candidate. Returns them in the order of selection.
+/// falls below `min_share` times that of the best candidate. Returns them in the order of
+/// selection.
 pub(super) fn choose(
     candidates: Vec<Candidate>,
     kept: &[Candidate],
     fragments: usize,
     count: usize,
-    least: f32,
+    min_share: f32,
 ) -> Vec<Candidate> {
     let mut best = vec![0.0f32; fragments];
     let gain = |c: &Candidate, best: &[f32]| -> f32 {
@@ -232,7 +233,7 @@ pub(super) fn choose(
         c.serves.iter().map(more).sum()
     };
     let everything = candidates.iter().chain(kept);
-    let all = everything.fold(0.0f32, |most, c| most.max(gain(c, &best)));
+    let all = everything.fold(0.0f32, |max, c| max.max(gain(c, &best)));
     kept.iter().for_each(|c| serve(&mut best, c));
     let mut waiting: Vec<(f32, Candidate)> = candidates
         .into_iter()
@@ -247,7 +248,7 @@ pub(super) fn choose(
         if top(&waiting) != Some(next) {
             continue;
         }
-        if fresh <= all * least {
+        if fresh <= all * min_share {
             break;
         }
         let (_, taken) = waiting.remove(next);
@@ -271,7 +272,7 @@ fn top(waiting: &[(f32, Candidate)]) -> Option<usize> {
     let gains = waiting.iter().map(|w| w.0).enumerate();
     gains
         .fold(None, |best: Option<(usize, f32)>, (i, g)| match best {
-            Some((_, most)) if most >= g => best,
+            Some((_, max)) if max >= g => best,
             _ => Some((i, g)),
         })
         .map(|(i, _)| i)

@@ -17,20 +17,20 @@ const MAX_OFF_HULL: f64 = 0.05;
 
 /// Assigns each fragment to one of at most `max_clusters` clusters; returns their number.
 pub(super) fn divide(fragments: &mut [Fragment], scene: &Scene, max_clusters: u32) -> u32 {
-    let most = max_clusters.max(1);
+    let max = max_clusters.max(1);
     let objects = objects(fragments, scene.virtual_parts.len());
     let count = objects.iter().max().map_or(1, |o| o + 1);
     let object = |f: &Fragment| objects.get(f.part as usize).copied().unwrap_or(0);
-    if count > most {
+    if count > max {
         // More objects than clusters: neighbours are merged.
-        return decompose(fragments, |_| true, 0, most);
+        return decompose(fragments, |_| true, 0, max);
     }
     let areas = areas(fragments, count, object);
-    let whole: f64 = areas.iter().sum();
+    let total: f64 = areas.iter().sum();
     let mut first = 0;
-    let mut spare = most - count;
+    let mut spare = max - count;
     for (i, area) in areas.iter().enumerate() {
-        let extra = (f64::from(most - count) * area / whole.max(f64::MIN_POSITIVE)).round() as u32;
+        let extra = (f64::from(max - count) * area / total.max(f64::MIN_POSITIVE)).round() as u32;
         let extra = extra.min(spare);
         let made = decompose(fragments, |f| object(f) == i as u32, first, 1 + extra);
         spare -= (made - 1).min(spare);
@@ -49,21 +49,21 @@ fn areas(fragments: &[Fragment], count: u32, object: impl Fn(&Fragment) -> u32) 
     areas
 }
 
-/// Divides the fragments that are `within` into at most `most` clusters, numbered from `first`;
+/// Divides the fragments that are `within` into at most `max` clusters, numbered from `first`;
 /// returns their number.
 fn decompose(
     fragments: &mut [Fragment],
     within: impl Fn(&Fragment) -> bool,
     first: u32,
-    most: u32,
+    max: u32,
 ) -> u32 {
     let own: Vec<[DVec3; 3]> = fragments
         .iter()
         .filter(|f| within(f))
         .map(|f| f.corners)
         .collect();
-    let clusters = (most > 1 && !is_convex(&own))
-        .then(|| Clusters::divide(&own, most))
+    let clusters = (max > 1 && !is_convex(&own))
+        .then(|| Clusters::divide(&own, max))
         .flatten();
     for f in fragments.iter_mut().filter(|f| within(f)) {
         f.cluster = first + clusters.as_ref().map_or(0, |c| c.at(f.centre));
@@ -94,8 +94,8 @@ fn is_convex(triangles: &[[DVec3; 3]]) -> bool {
         let mut facing = supports.iter().filter(|(n, _)| n.dot(normal) > FACING);
         facing.all(|(n, support)| support - middle.dot(*n) > near)
     };
-    let whole: f64 = triangles.iter().map(area).sum();
-    triangles.iter().filter(is_off).map(area).sum::<f64>() <= whole * MAX_OFF_HULL
+    let total: f64 = triangles.iter().map(area).sum();
+    triangles.iter().filter(is_off).map(area).sum::<f64>() <= total * MAX_OFF_HULL
 }
 
 /// Index of each part's object: parts whose bounding boxes overlap have the same.

@@ -45,9 +45,9 @@ impl<'a> View<'a> {
 
     fn draw(&self, f: &Fragment, nearest: &mut [f64]) {
         let placed = f.corners.map(|p| self.project(p));
-        let least = placed.iter().fold(f64::INFINITY, |m, p| m.min(p.1));
-        let most = placed.iter().fold(f64::NEG_INFINITY, |m, p| m.max(p.1));
-        if most < 0.0 || least > self.plane.depth {
+        let min = placed.iter().fold(f64::INFINITY, |m, p| m.min(p.1));
+        let max = placed.iter().fold(f64::NEG_INFINITY, |m, p| m.max(p.1));
+        if max < 0.0 || min > self.plane.depth {
             return;
         }
         let [a, b, c] = placed;

@@ -83,7 +83,7 @@ pub fn generate(
     scene: &Scene,
     settings: &PlaneSettings,
 ) -> Result<Vec<ShadowingPlane>, PlaneError> {
-    generate_beside(scene, settings, &Kept::default())
+    generate_additional(scene, settings, &Kept::default())
 }
 
 /// Planes of an earlier bake that are still valid.
@@ -121,7 +121,7 @@ fn is_on(plane: &ShadowingPlane, ground: &[u32]) -> bool {
 }
 
 /// Generates planes as [`generate`] in addition to planes that are `kept`; returns both.
-pub(super) fn generate_beside(
+pub(super) fn generate_additional(
     scene: &Scene,
     settings: &PlaneSettings,
     kept: &Kept,
@@ -149,7 +149,7 @@ fn model(scene: &Scene) -> Result<Surface, PlaneError> {
     if model.fragments.is_empty() {
         return Err(PlaneError::NoSurface);
     }
-    let extent = longest(model.bounds());
+    let extent = max_extent(model.bounds());
     model.weigh(&RayCaster::from_parts(&scene.virtual_parts), extent);
     Ok(model)
 }
@@ -172,7 +172,7 @@ fn new_planes(
     let mut planes = ground.as_ref().map_or_else(Vec::new, |g| {
         g.planes(&model.fragments, (count / 4).clamp(1, 3), settings.offset_m)
     });
-    let extent = longest(model.bounds());
+    let extent = max_extent(model.bounds());
     let ground = ground.and_then(|g| g.part);
     keep_ground(&mut planes, kept, ground);
     let phantoms = near_phantoms(&mut real, &model, ground, extent);
@@ -216,7 +216,7 @@ fn no_mirrors(scene: &Scene) -> Vec<u32> {
     parts.filter(|(_, p)| !p.mirror).map(|(i, _)| i).collect()
 }
 
-fn longest((low, high): (DVec3, DVec3)) -> f64 {
+fn max_extent((low, high): (DVec3, DVec3)) -> f64 {
     (high - low).max_element()
 }
 
@@ -247,7 +247,7 @@ fn near_phantoms(real: &mut Surface, model: &Surface, ground: Option<u32>, exten
 /// of the model and of the phantoms, with their numbers of clusters.
 fn over_parts(
     surfaces: [(&Surface, u32); 2],
-    most: usize,
+    max: usize,
     settings: &PlaneSettings,
     kept: &Kept,
     ground: Option<u32>,
@@ -281,7 +281,7 @@ fn over_parts(
     new.extend(new_real);
     old.extend(old_real);
     let count = model.fragments.len() + real.fragments.len();
-    let taken = choose(new, &old, count, most.saturating_sub(old.len()), MIN_GAIN);
+    let taken = choose(new, &old, count, max.saturating_sub(old.len()), MIN_GAIN);
     let part = |i: u32| {
         model
             .fragments

@@ -60,15 +60,15 @@ impl Ground {
             .try_normalize()?;
         let axes = Axes::around(normal);
         let along = own().flat_map(|f| f.corners).map(|p| p.dot(normal));
-        let (least, most) = along.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, m), d| {
+        let (min, max) = along.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, m), d| {
             (l.min(d), m.max(d))
         });
         let limits = flat_bounds(&axes, own().flat_map(|f| f.corners));
         let size = (limits.1 - limits.0).max_element();
-        let is_flat = normal.z > 0.9 && most - least <= (0.01 * size).max(1e-3);
+        let is_flat = normal.z > 0.9 && max - min <= (0.01 * size).max(1e-3);
         is_flat.then_some(Self {
             axes,
-            height: f64::midpoint(least, most),
+            height: f64::midpoint(min, max),
             limits,
             part: Some(part),
         })

@@ -93,7 +93,7 @@ fn farthest(points: &[DVec3], direction: DVec3) -> Option<usize> {
     let along = points.iter().map(|p| p.dot(direction)).enumerate();
     along
         .fold(None, |best: Option<(usize, f64)>, (i, d)| match best {
-            Some((_, most)) if most >= d => best,
+            Some((_, max)) if max >= d => best,
             _ => Some((i, d)),
         })
         .map(|(i, _)| i)
@@ -174,7 +174,7 @@ impl Clusters {
                 continue;
             };
             let distance = p.distance_squared(at.as_dvec3());
-            if best.is_none_or(|(least, _)| distance < least) {
+            if best.is_none_or(|(min, _)| distance < min) {
                 best = Some((distance, *cluster));
             }
         }

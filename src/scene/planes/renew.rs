@@ -1,7 +1,7 @@
 //! Finds the parts of a bake that remain valid after some parts of its scene changed: planes that do
 //! not cover changed parts, and images that neither the old nor the new shadows of these reach.
 
-use super::generate::{Kept, PlaneError, PlaneSettings, generate_beside};
+use super::generate::{Kept, PlaneError, PlaneSettings, generate_additional};
 use super::surface::bounds;
 use super::{Bake, Layer, ShadowingPlane};
 use crate::change::is_same;
@@ -31,7 +31,7 @@ impl Renewal {
     }
 }
 
-/// Minimum number of new planes that must be possible beside the kept ones.
+/// Minimum number of new planes that must be possible in addition to the kept ones.
 const MIN_NEW: usize = 3;
 
 /// Finds what must be baked for `scene`; `old` is the bake of `old_scene`.
@@ -99,7 +99,7 @@ fn planes(
         // There is no room for planes of added parts: all planes are generated again.
         Kept::default()
     };
-    let mut planes = generate_beside(scene, settings, &kept)?;
+    let mut planes = generate_additional(scene, settings, &kept)?;
     // The order in which the baker writes them.
     planes.sort_by_key(|plane| plane.layer == Layer::Virtual);
     Ok(planes)
@@ -136,9 +136,9 @@ impl Matched {
             .collect();
         let numbered = (0..).zip(&taken);
         let changed: Vec<u32> = numbered.filter(|(_, t)| !**t).map(|(i, _)| i).collect();
-        let gone = old.iter().zip(&new_from_old).filter(|(_, n)| n.is_none());
-        let come = changed.iter().filter_map(|i| new.get(*i as usize));
-        let boxes = gone.map(|(part, _)| part).chain(come);
+        let removed = old.iter().zip(&new_from_old).filter(|(_, n)| n.is_none());
+        let added = changed.iter().filter_map(|i| new.get(*i as usize));
+        let boxes = removed.map(|(part, _)| part).chain(added);
         Self {
             boxes: boxes.map(Extent::around).collect(),
             new_from_old,
@@ -185,7 +185,7 @@ impl Extent {
     }
 }
 
-/// Directions to a face's light: its centre, or its corners, between which all samples lie.
+/// Directions to a face's light: its centre, or its corners, which enclose all samples.
 fn directions(face: &Face, samples: u32) -> Vec<DVec3> {
     if samples == 1 {
         return vec![face.centre.as_dvec3()];
@@ -208,9 +208,9 @@ fn may_shadow(caster: &Extent, towards: &[DVec3], plane: &ShadowingPlane) -> boo
         // not increase.
         let falls = |axis: DVec3| towards.iter().all(|l| axis.dot(*l) >= -1e-9);
         let beyond = |axis: DVec3| {
-            let most = corners.iter().map(|c| c.dot(axis)).fold(f64::MIN, f64::max);
-            let least = slab.iter().map(|c| c.dot(axis)).fold(f64::MAX, f64::min);
-            falls(axis) && most < least
+            let max = corners.iter().map(|c| c.dot(axis)).fold(f64::MIN, f64::max);
+            let min = slab.iter().map(|c| c.dot(axis)).fold(f64::MAX, f64::min);
+            falls(axis) && max < min
         };
         beyond(axis) || beyond(-axis)
     };

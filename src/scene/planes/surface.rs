@@ -55,17 +55,17 @@ impl Surface {
     /// # Errors
     /// A vertex is not finite or too far from the origin.
     pub fn new(parts: &[Part], wanted: &[u32]) -> Result<Self, PlaneError> {
-        let mut whole = Vec::new();
+        let mut fragments = Vec::new();
         for index in wanted {
             if let Some(part) = parts.get(*index as usize) {
-                add_part(&mut whole, part, *index)?;
+                add_part(&mut fragments, part, *index)?;
             }
         }
-        let (low, high) = bounds(whole.iter().flat_map(|f| f.corners));
-        let longest = (high - low).max_element() * FRAGMENT_SHARE;
-        let mut out = Vec::with_capacity(whole.len());
-        for fragment in whole {
-            split(fragment, longest, &mut out);
+        let (low, high) = bounds(fragments.iter().flat_map(|f| f.corners));
+        let max_edge = (high - low).max_element() * FRAGMENT_SHARE;
+        let mut out = Vec::with_capacity(fragments.len());
+        for fragment in fragments {
+            split(fragment, max_edge, &mut out);
         }
         let mut surface = Self { fragments: out };
         surface.renumber();
@@ -85,7 +85,7 @@ impl Surface {
     }
 
     /// Sets the area of fragments that are invisible from everywhere to zero, by casting rays against
-    /// `rays`, and reduces that of fragments that face down: viewers stand on the ground.
+    /// `rays`, and reduces that of fragments that face down, because viewers are above the ground.
     pub fn weigh(&mut self, rays: &RayCaster, extent: f64) {
         let step = self.fragments.len().div_ceil(MAX_PROBED).max(1);
         let around = directions_around();
@@ -181,15 +181,15 @@ fn fragment(corners: [DVec3; 3], part: u32, scale: f64) -> Option<Fragment> {
     })
 }
 
-/// Bisects `fragment` at its longest edge until no edge is longer than `longest`.
-fn split(fragment: Fragment, longest: f64, out: &mut Vec<Fragment>) {
+/// Bisects `fragment` at its longest edge until no edge is longer than `max_edge`.
+fn split(fragment: Fragment, max_edge: f64, out: &mut Vec<Fragment>) {
     let mut waiting = vec![fragment];
     while let Some(f) = waiting.pop() {
         let edge = |i: usize| f.corners[i].distance(f.corners[(i + 1) % 3]);
         let (at, length) = (0..3)
             .map(|i| (i, edge(i)))
             .fold((0, 0.0), |best, e| if e.1 > best.1 { e } else { best });
-        if length <= longest || out.len() + waiting.len() >= MAX_FRAGMENTS {
+        if length <= max_edge || out.len() + waiting.len() >= MAX_FRAGMENTS {
             out.push(f);
             continue;
         }

@@ -75,14 +75,14 @@ fn overridden(material: &Material, file: &MaterialFile, at: &str) -> Result<Mate
         out.emissive_texture = None;
     }
     if let Some(phong) = &file.phong {
-        refuse_beside_phong(file, at)?;
+        refuse_with_phong(file, at)?;
         with_phong(&mut out, phong, &format!("{at}.phong"))?;
     }
     Ok(out)
 }
 
 /// Refuses keys that Phong's model does not have.
-fn refuse_beside_phong(file: &MaterialFile, at: &str) -> Result<(), Fault> {
+fn refuse_with_phong(file: &MaterialFile, at: &str) -> Result<(), Fault> {
     let given = [
         ("base_colour", file.base_colour.is_some()),
         ("metallic", file.metallic.is_some()),

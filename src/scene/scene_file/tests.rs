@@ -1,4 +1,3 @@
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 use super::*;
 use crate::planes::{Layer, Receiver};
 use penumbra_camera::linear_from_srgb;
@@ -426,8 +425,8 @@ fn reads_moving_attached_and_photometric_lamps() {
             "photometry.ev100",
         ),
     ] {
-        let said = complaint(&text);
-        assert!(said.contains(place), "{text}: {said}");
+        let message = complaint(&text);
+        assert!(message.contains(place), "{text}: {message}");
     }
 }
 

@@ -90,7 +90,7 @@ fn pictures(
             .map_err(|_| folder.line(table, line, &format!("{frame:?} is no frame number")))?;
         let file = PathBuf::from(file);
         if !folder.lists(&file)? {
-            let reason = format!("{} is not there", file.display());
+            let reason = format!("{} does not exist", file.display());
             return Err(folder.line(table, line, &reason));
         }
         let of_this = brackets.get(&file.with_extension("")).into_iter().flatten();

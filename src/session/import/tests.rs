@@ -1,6 +1,4 @@
 //! Valid and faulty folders, and the recordings with ground truth if available.
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
-
 use super::*;
 use crate::{Session, SessionEvent, describe};
 use penumbra_sync::{Pairing, PairingConfig, Provenance};
@@ -206,7 +204,7 @@ fn rejects_faulty_folders_with_one_line_and_no_output() {
     );
     assert!(row("").contains("lists no pictures"));
     assert!(row("0,scene/00000.jpg\n").contains("too few columns"));
-    assert!(row("0,scene/9.jpg,5\n").contains("scene/9.jpg is not there"));
+    assert!(row("0,scene/9.jpg,5\n").contains("scene/9.jpg does not exist"));
     assert!(row("0,../secret.jpg,5\n").contains("leads out of the folder"));
     assert!(row("0,rig.json,5\n").contains("must end in .jpg or .png"));
     assert!(replace("rig.json", b"{").contains("rig.json: "));

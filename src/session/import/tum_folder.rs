@@ -81,8 +81,8 @@ fn pose(row: &str) -> Option<PoseSample> {
 
 /// Parses decimal seconds digit by digit: a double of today's Unix time has only 0.2 µs resolution.
 fn seconds(text: &str) -> Option<MonotonicTime> {
-    let (whole, fraction) = text.split_once('.').unwrap_or((text, ""));
-    let seconds: i64 = whole.parse().ok().filter(|s| *s >= 0)?;
+    let (integer, fraction) = text.split_once('.').unwrap_or((text, ""));
+    let seconds: i64 = integer.parse().ok().filter(|s| *s >= 0)?;
     if !fraction.bytes().all(|byte| byte.is_ascii_digit()) {
         return None;
     }

@@ -63,11 +63,11 @@ impl PoseHistory {
         &self,
         time: MonotonicTime,
         after: usize,
-        longest_nanos: i64,
+        max_age_nanos: i64,
     ) -> Option<PoseAt> {
         let last = self.samples.get(after.checked_sub(1)?)?;
         let age_nanos = time.nanos_since(last.measured_at);
-        if age_nanos > longest_nanos {
+        if age_nanos > max_age_nanos {
             return None;
         }
         let forecasts = self.forecasts(time, after, last);

@@ -1,5 +1,3 @@
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
-
 use super::*;
 use glam::{DQuat, DVec3};
 use proptest::prelude::*;
@@ -259,8 +257,8 @@ fn prediction_as_of_a_time_ignores_later_readings() {
     for millis in every(0..51) {
         until.push(at(millis), by_hand(millis as f64 * 1e-3));
     }
-    let (time, longest) = (at(440), 250_000_000);
-    let expected = complete.expected(time, at(400), longest).unwrap();
+    let (time, max_age) = (at(440), 250_000_000);
+    let expected = complete.expected(time, at(400), max_age).unwrap();
     assert_eq!(expected.provenance, Provenance::Predicted);
     assert_eq!(expected.age_nanos, 40_000_000);
     let then = until.at(time).unwrap();
@@ -270,9 +268,9 @@ fn prediction_as_of_a_time_ignores_later_readings() {
     );
     let now = complete.at(time).unwrap();
     assert_eq!(now.provenance, Provenance::Exact);
-    assert_eq!(complete.expected(time, time, longest), Some(now));
+    assert_eq!(complete.expected(time, time, max_age), Some(now));
     assert_eq!(complete.expected(time, at(400), 30_000_000), None);
-    assert_eq!(complete.expected(time, at(-5), longest), None);
+    assert_eq!(complete.expected(time, at(-5), max_age), None);
 }
 
 #[test]
@@ -316,10 +314,10 @@ fn error_ahead(rate: f64, reach: f64) -> f64 {
         let read = place(t) + random.normal3() * 3e-4;
         history.push(at(t), RigidTransform::new(DQuat::IDENTITY, read));
         if k >= 240 {
-            let (then, longest) = (at(t + 0.04), 200_000_000);
-            let said = history.expected(then, at(t), longest).unwrap();
-            let said = said.transmitter_from_sensor.translation;
-            sum += said.distance_squared(place(t + 0.04));
+            let (then, max_age) = (at(t + 0.04), 200_000_000);
+            let predicted = history.expected(then, at(t), max_age).unwrap();
+            let predicted = predicted.transmitter_from_sensor.translation;
+            sum += predicted.distance_squared(place(t + 0.04));
             count += 1.0;
         }
     }

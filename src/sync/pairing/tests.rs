@@ -1,7 +1,5 @@
 //! Waiting, faulty streams, and the error on recordings with
 //! ground truth.
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
-
 use super::*;
 use bytes::Bytes;
 use glam::{DMat4, DQuat, DVec3};

@@ -1,5 +1,3 @@
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
-
 use super::*;
 
 fn pairs(gains: DVec3, count: u32, outliers: u32) -> Vec<PhotometricPair> {

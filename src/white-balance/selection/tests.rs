@@ -1,5 +1,3 @@
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
-
 use super::*;
 
 const NOW: MonotonicTime = MonotonicTime::from_nanos(0);

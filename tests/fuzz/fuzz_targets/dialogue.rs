@@ -1,4 +1,4 @@
-//! A device that answers anything: every dialogue ends, and says why in one line.
+//! A device with arbitrary answers: every dialogue ends, and gives the reason in one line.
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;

@@ -1,4 +1,4 @@
-//! Every spelling of a FASTRAK's records.
+//! All formats of a FASTRAK's records.
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;

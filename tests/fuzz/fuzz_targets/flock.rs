@@ -1,4 +1,4 @@
-//! Every spelling of a Flock of Birds' records.
+//! All formats of a Flock of Birds' records.
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;

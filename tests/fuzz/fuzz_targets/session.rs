@@ -1,5 +1,5 @@
-//! Any file read as a session: an error or its events, no panic, no hang, no more memory
-//! than the file is worth.
+//! Reads any file as a session: it gives an error or events, without panic, hang or memory use
+//! out of proportion to the file.
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;

@@ -1,5 +1,5 @@
-//! A VRPN server that sends anything: nothing but whole messages may come through, and
-//! the same however the stream is split.
+//! A VRPN server that sends arbitrary bytes: only complete messages may be passed on, and they
+//! must not depend on how the stream is split.
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;

@@ -1,10 +1,10 @@
-//! What must hold for every decoder, whatever the bytes.
+//! Properties of every decoder for arbitrary bytes.
 
 use penumbra_interface::{MonotonicTime, PoseSample};
 use penumbra_tracker_serial::{AnyDecoder, Counters};
 
-/// Decodes `data` by each of the protocols, whole and in pieces: the same must come out,
-/// every pose must be one, and no byte may be counted twice.
+/// Decodes `data` by each of the protocols, at once and in pieces: the results must be equal,
+/// every pose must be valid, and no byte may be counted twice.
 pub fn check(protocols: &[&str], data: &[u8]) {
     let Some((seed, bytes)) = data.split_first() else {
         return;
@@ -12,8 +12,8 @@ pub fn check(protocols: &[&str], data: &[u8]) {
     for protocol in protocols {
         let (whole, counters) = decode(protocol, bytes, bytes.len().max(1));
         let (pieces, in_pieces) = decode(protocol, bytes, 1 + usize::from(*seed) % 64);
-        assert_eq!(whole, pieces, "{protocol}: pieces matter");
-        assert_eq!(counters, in_pieces, "{protocol}: pieces matter");
+        assert_eq!(whole, pieces, "{protocol}: pieces change the result");
+        assert_eq!(counters, in_pieces, "{protocol}: pieces change the result");
         assert!(counters.skipped_bytes <= bytes.len() as u64, "{protocol}");
         for sample in whole {
             let pose = sample.transmitter_from_sensor;

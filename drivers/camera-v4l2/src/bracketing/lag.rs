@@ -6,7 +6,7 @@
 
 use super::cycle::Timing;
 
-/// The longest lag in frames that is told apart from a camera that does not react at all.
+/// Maximum lag in frames; a longer one cannot be distinguished from a camera that does not react.
 pub(crate) const MAX_LAG: u64 = 6;
 /// Frames from one toggle to the next: the longest lag and some at the new brightness.
 const WINDOW: u64 = MAX_LAG + 4;
@@ -16,7 +16,7 @@ const TOGGLES: usize = 6;
 const QUORUM: usize = 4;
 /// Frames at the end of a window from which its brightness level is taken.
 const SETTLED_FRAMES: usize = 3;
-/// Stops by which two levels must differ to be told apart.
+/// Minimum difference of two levels that can be distinguished, stops.
 const MIN_DIFFERENCE: f64 = 0.15;
 
 /// What the estimator needs next.

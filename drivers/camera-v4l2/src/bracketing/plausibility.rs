@@ -4,10 +4,10 @@
 const MAX_DOUBTFUL: u32 = 8;
 /// Weight of a new frame in the level of its step.
 const LEARNING_RATE: f64 = 0.3;
-/// Stops by which two levels must differ to be told apart.
+/// Minimum difference of two levels that can be distinguished, stops.
 const MIN_DIFFERENCE: f64 = 0.3;
 
-/// What a frame's brightness says about its attribution.
+/// Plausibility of a frame's attribution by its brightness.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Verdict {
     Plausible,

@@ -1,5 +1,3 @@
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
-
 use super::*;
 use proptest::prelude::*;
 use std::collections::VecDeque;
@@ -71,7 +69,7 @@ struct Outcome {
     each: [usize; 3],
 }
 
-/// Feeds frames to the bracketing. `lose` tells which are lost, `scene` adds stops to the
+/// Feeds frames to the bracketing. `lose` selects lost frames, `scene` adds stops to the
 /// brightness.
 fn run(
     bracketing: &mut Bracketing,

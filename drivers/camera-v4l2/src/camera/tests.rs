@@ -1,5 +1,3 @@
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
-
 use super::*;
 use crate::device::ControlKind;
 use crate::testing::{FakeDevice, FakeFrame, Sensor};
@@ -143,7 +141,10 @@ fn unplugging_during_the_stream_is_reported() {
     fake.lock().stop_error = Some(Errno::NODEV);
     fake.arrives(20, picture(1));
     let error = camera.next_frame(WAIT).unwrap_err();
-    assert_eq!(error.to_string(), "/dev/video7: gone; plug it in again");
+    assert_eq!(
+        error.to_string(),
+        "/dev/video7: disconnected; plug it in again"
+    );
     assert_eq!(error.recovery(), Recovery::Reopen);
 }
 

@@ -1,4 +1,4 @@
-//! One control: the value wanted, the value in force, and how the two compare.
+//! One control: the wanted value, the actual value, and how they compare.
 
 use super::names;
 use crate::device::{ControlDescription, ControlKind, Controls, is_disconnected};
@@ -128,7 +128,7 @@ impl TrackedControl {
     }
 }
 
-/// Turns errors into `None`, except those that mean that the device is gone.
+/// Turns errors into `None`, except those of a disconnected device.
 fn unless_disconnected<T>(result: Result<T>) -> Result<Option<T>> {
     match result {
         Ok(value) => Ok(Some(value)),

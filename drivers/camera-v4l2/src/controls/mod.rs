@@ -1,5 +1,5 @@
-//! Locks a camera's controls: sets the values wanted, reads them back, and notices and undoes
-//! what other programs change.
+//! Locks a camera's controls: sets the wanted values, reads them back, and detects and reverts
+//! changes by other programs.
 
 mod control;
 pub(crate) mod names;
@@ -77,7 +77,7 @@ impl CameraControls {
     /// Sets all locked controls in order and reads all controls back.
     ///
     /// # Errors
-    /// The device is gone. Values that it refuses are in the report.
+    /// The device is disconnected. Values that it refuses are in the report.
     pub(crate) fn apply(&mut self, device: &mut impl Controls) -> Result<()> {
         for n in 0..self.controls.len() {
             if self.is_bracketed(&self.controls[n]) {

@@ -1,5 +1,3 @@
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
-
 use super::*;
 use crate::device::ControlKind;
 use crate::testing::FakeDevice;
@@ -121,7 +119,7 @@ fn a_refusal_names_the_automatic_mode() {
 }
 
 #[test]
-fn a_driver_that_accepts_and_ignores_a_value_is_noticed() {
+fn detects_driver_that_accepts_and_ignores_a_value() {
     let fake = webcam();
     fake.edit(TIME, |c| {
         c.needs = None;

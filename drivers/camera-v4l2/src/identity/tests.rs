@@ -1,5 +1,3 @@
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
-
 use super::*;
 use std::os::unix::fs::symlink;
 use tempfile::TempDir;
@@ -105,7 +103,7 @@ fn every_identity_finds_its_camera_again() {
 }
 
 #[test]
-fn identities_prefer_names_that_survive_unplugging() {
+fn identities_prefer_durable_names() {
     let (_root, roots) = machine();
     let identities: Vec<String> = all(&roots).iter().map(|p| p.identity(Some("b"))).collect();
     assert_eq!(identities[0], "usb-046d_C270_AAA:1-video-index0");
@@ -205,7 +203,7 @@ fn a_machine_without_cameras_or_sysfs_has_no_cameras() {
     let error = node("", &roots).unwrap_err().to_string();
     assert_eq!(
         error,
-        "any camera: not there; plug it in or name another one"
+        "any camera: not connected; plug it in or configure another one"
     );
 }
 

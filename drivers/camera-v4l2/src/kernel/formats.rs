@@ -5,7 +5,7 @@
 //! - `query_caps` and `enum_formats` panic on texts that are not UTF-8. The kernel limits a
 //!   product name to 31 bytes and may cut it in the middle of a character.
 //! - `format` and `set_format` panic on colour spaces and transfer functions that the crate
-//!   does not know. v4l2loopback passes on whatever its writer has set.
+//!   does not know. v4l2loopback passes on any value that its writer has set.
 //! - `enum_formats`, `enum_framesizes` and `enum_frameintervals` read lists of any length.
 
 use super::ioctl::{self, Argument, retrying};

@@ -30,7 +30,7 @@ impl Mapping {
     /// memory behind a shared reference.
     pub unsafe fn bytes(&self, len: usize) -> &[u8] {
         // SAFETY: `start` maps `self.len` readable bytes until `self` is dropped, and by the
-        // contract above nobody writes to them.
+        // contract above they are not written meanwhile.
         unsafe { std::slice::from_raw_parts(self.start.cast(), len.min(self.len)) }
     }
 }

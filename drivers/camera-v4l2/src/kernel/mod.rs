@@ -1,9 +1,9 @@
 //! An open video device of the kernel: the only module with unsafe code.
 //!
 //! It uses the crate `v4l` where its calls are safe with every driver, and its raw bindings
-//! elsewhere; each file says which and why. Buffers are handled here, not by the streams of
+//! elsewhere; each file gives the reasons. Buffers are handled here, not by the streams of
 //! `v4l` 0.14: after a time-out, those queue a buffer that the kernel still owns, they return
-//! whole buffers instead of the bytes used, and they panic if the stream cannot be stopped.
+//! complete buffers instead of the bytes used, and they panic if the stream cannot be stopped.
 
 // The kernel writes to addresses that it is given, and shares memory with this process. No safe
 // function does that.

@@ -36,7 +36,7 @@ fn other_files_than_video_devices_are_not_opened() {
 }
 
 // Why raw commands replace calls of the crate `v4l`. If one of these tests fails, a newer
-// version has mended the call: use it then.
+// version has corrected the call: use it then.
 
 #[test]
 #[should_panic(expected = "Utf8Error")]

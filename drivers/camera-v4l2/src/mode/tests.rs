@@ -1,5 +1,3 @@
-#![allow(clippy::unwrap_used)]
-
 use super::*;
 use crate::testing::format;
 
@@ -68,7 +66,7 @@ fn the_order_of_formats_in_the_settings_is_kept() {
 }
 
 #[test]
-fn the_error_lists_what_is_offered() {
+fn error_lists_offered_modes() {
     let mut settings = sized(800, 600, None);
     let error = chosen(&settings).unwrap_err();
     assert!(
@@ -106,7 +104,7 @@ fn size_ranges_and_drivers_without_size_lists_are_supported() {
 }
 
 #[test]
-fn another_size_or_rate_than_wanted_is_noted() {
+fn other_size_or_rate_is_noted() {
     let wanted = CaptureFormat {
         frames_per_second: Some(30.0),
         ..present()

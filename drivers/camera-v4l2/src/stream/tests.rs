@@ -1,5 +1,3 @@
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
-
 use super::*;
 use crate::testing::{FakeDevice, FakeFrame};
 use proptest::prelude::*;
@@ -187,7 +185,7 @@ fn failing_to_stop_the_stream_does_not_panic() {
 }
 
 #[test]
-fn a_wait_without_frames_ends_with_an_error() {
+fn wait_without_frames_ends_with_an_error() {
     for error in [false, true] {
         let fake = grey();
         let mut stream = stream(&fake);
@@ -242,7 +240,7 @@ fn any_fault() -> impl Strategy<Value = Fault> {
 proptest! {
     /// Every frame is returned, superseded, damaged or lost, and no buffer is lost.
     #[test]
-    fn no_frame_and_no_buffer_goes_missing(
+    fn no_frame_and_no_buffer_is_lost(
         faults in proptest::collection::vec((any_fault(), 0..60_i64), 1..60)
     ) {
         let fake = grey();

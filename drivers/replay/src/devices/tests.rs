@@ -1,11 +1,10 @@
-#![allow(clippy::unwrap_used, clippy::expect_used)]
 use super::*;
 use crate::playback::{Items, LATE_NANOS};
 use bytes::Bytes;
 use penumbra_interface::{Clock, ManualClock, MonotonicTime, PixelFormat};
 
 thread_local! {
-    /// Each test runs on a thread of its own.
+    /// Each test runs on its own thread.
     static CLOCK: ManualClock = ManualClock::new(MonotonicTime::from_nanos(5_000_000_000));
 }
 
@@ -71,7 +70,7 @@ fn frames_are_repeated_at_their_intervals_with_continuing_numbers() {
 }
 
 #[test]
-fn a_frame_is_not_early_and_the_timeout_is_kept() {
+fn frames_are_not_early_and_the_timeout_is_obeyed() {
     let timeline = timeline();
     let mut camera = camera(&timeline);
     camera.next_frame(LONG).unwrap().unwrap();

@@ -1,5 +1,3 @@
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
-
 use crate::fastrak::{Decoder, Encoding, Ending, Format, Orientation};
 use glam::DVec3;
 use penumbra_interface::MonotonicTime;
@@ -71,7 +69,7 @@ fn assert_close(found: &[f64], expected: &[f64]) {
 }
 
 #[test]
-fn a_single_record_is_not_enough() {
+fn single_record_does_not_synchronise() {
     let (found, decoder) = decode(Format::default(), &[&ascii(1)]);
     assert!(found.is_empty() && !decoder.locked());
     let (found, decoder) = decode(Format::default(), &[&ascii(2)]);
@@ -142,7 +140,7 @@ fn garbage_longer_than_the_buffer_is_skipped() {
 }
 
 #[test]
-fn a_status_record_between_readings_costs_no_reading() {
+fn status_record_between_readings_loses_no_reading() {
     let mut status = b"21S3F0000  00xxxxxx".to_vec();
     status.resize(53, b'F');
     status.extend_from_slice(b"\r\n");
@@ -155,7 +153,7 @@ fn a_status_record_between_readings_costs_no_reading() {
 
 proptest! {
     #[test]
-    fn the_result_does_not_depend_on_how_reads_are_split(cuts in prop::collection::vec(0usize..47 * 12, 0..20), text in any::<bool>()) {
+    fn result_does_not_depend_on_split_reads(cuts in prop::collection::vec(0usize..47 * 12, 0..20), text in any::<bool>()) {
         let (format, stream) = if text {
             (Format::default(), ascii(12))
         } else {
@@ -170,7 +168,7 @@ proptest! {
     }
 
     #[test]
-    fn garbage_before_and_between_costs_no_text_record(
+    fn garbage_before_and_between_loses_no_text_record(
         before in prop::collection::vec(any::<u8>(), 0..200),
         between in prop::collection::vec(any::<u8>(), 0..200),
     ) {
@@ -190,7 +188,7 @@ proptest! {
     }
 
     #[test]
-    fn a_dropped_inserted_or_flipped_byte_costs_only_its_neighbourhood(
+    fn dropped_inserted_or_flipped_byte_loses_only_neighbouring_records(
         place in 47usize * 3..47 * 9, kind in 0..3, byte in any::<u8>(), bit in 0u8..8,
     ) {
         let mut stream = ascii(14);
@@ -211,7 +209,7 @@ proptest! {
     }
 
     #[test]
-    fn a_dropped_byte_in_binary_costs_at_most_two_neighbours(place in 32usize * 3..32 * 9) {
+    fn dropped_byte_in_binary_loses_at_most_two_neighbours(place in 32usize * 3..32 * 9) {
         let mut stream = binary(14);
         stream.remove(place);
         let (found, _) = decode(binary_format(), &[&stream]);

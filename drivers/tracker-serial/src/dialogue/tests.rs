@@ -1,4 +1,3 @@
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 use super::*;
 use crate::fastrak;
 use crate::format::PROTOCOLS;
@@ -9,7 +8,7 @@ fn settings(protocol: &str) -> TrackerSettings {
     TrackerSettings::new(protocol, PortName::Serial("/dev/none".to_owned()))
 }
 
-/// Runs the dialogue with a device in simulated time: what was written, and how it ended.
+/// Runs the dialogue with a device in simulated time; returns written bytes and last action.
 fn converse(settings: &TrackerSettings, mut device: Option<SimulatedTracker>) -> (Vec<u8>, Action) {
     let mut dialogue = Dialogue::new(settings).unwrap();
     let (mut written, mut now) = (Vec::new(), MonotonicTime::from_nanos(0));
@@ -58,7 +57,7 @@ fn a_fastrak_is_stopped_identified_configured_checked_and_started() {
 }
 
 #[test]
-fn a_mode_that_the_device_did_not_take_is_a_warning() {
+fn mode_that_the_device_ignores_is_a_warning() {
     let status = b"21S3F0103  01  3.18  Rig                             \r\n";
     let binary = settings("fastrak-binary-quaternion");
     let Format::Fastrak(format) = Format::for_protocol(&binary.protocol).unwrap() else {
@@ -140,7 +139,7 @@ fn an_absent_device_is_reported_as_silent_within_seconds() {
 }
 
 #[test]
-fn every_device_understands_its_stop_command() {
+fn every_device_executes_its_stop_command() {
     for protocol in ["fastrak", "liberty", "flock", "freed"] {
         let mut device = simulated(protocol).unwrap();
         let settings = settings(protocol);

@@ -10,7 +10,7 @@ use std::time::Duration;
 /// Receivers of one system electronics unit.
 const STATIONS: std::ops::RangeInclusive<u8> = 1..=4;
 
-/// Stop, ask for the status, set the mode, check it by the status, start.
+/// Stops the stream, queries the status, sets the mode, checks it by the status, and starts.
 pub(crate) fn start_sequence(settings: &TrackerSettings, format: &Format) -> Vec<Step> {
     let binary = format.encoding == Encoding::Binary;
     let centimetres = settings.units == Units::Centimetres;

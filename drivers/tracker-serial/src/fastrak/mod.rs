@@ -2,7 +2,7 @@
 //! commands).
 //!
 //! A record is `'0'`, the station's digit, an error letter or a blank, the position, the
-//! orientation and an ending. [`Format`] says which layout the device has been set to;
+//! orientation and an ending. [`Format`] is the configured layout;
 //! [`Decoder`] finds the records in a byte stream; [`Status`] is the answer to `S`. Capital and
 //! small letters of a command have different meanings.
 

@@ -35,7 +35,7 @@ pub enum Ending {
     Space,
 }
 
-/// What the device has been set to send, and which positions are plausible.
+/// The configured record format, and the range of plausible positions.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Format {
     /// Text or floats.
@@ -223,8 +223,8 @@ fn error_letter(byte: u8) -> Result<Option<u8>, Fault> {
 /// `Sxxx.xx`: blanks, at most one sign, digits, a point, exactly `decimals` digits.
 fn fixed_point(column: &[u8], decimals: usize) -> Option<f64> {
     let point = column.len().checked_sub(decimals + 1)?;
-    let (whole, fraction) = (column.get(..point)?, column.get(point + 1..)?);
-    let unsigned = whole.trim_ascii_start();
+    let (integer, fraction) = (column.get(..point)?, column.get(point + 1..)?);
+    let unsigned = integer.trim_ascii_start();
     let (negative, digits) = match unsigned.split_first()? {
         (b'-', digits) => (true, digits),
         (b'+', digits) => (false, digits),

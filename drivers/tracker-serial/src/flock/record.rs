@@ -10,7 +10,7 @@ const FULL_SCALE: f64 = 36.0;
 /// Addresses of the birds on one bus.
 const ADDRESSES: std::ops::RangeInclusive<u8> = 1..=126;
 
-/// What the device has been set to send.
+/// The configured record format.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Format {
     /// Position and angles (`Y`, 12 bytes) instead of position and quaternion (`]`, 14 bytes).

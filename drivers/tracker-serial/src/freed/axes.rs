@@ -25,7 +25,7 @@ impl Default for Axes {
 
 impl Axes {
     /// Parses text such as `-tilt,pan,roll,z,y,x`. `None` if a quantity is missing or unknown,
-    /// or an angle stands in the place of a position.
+    /// or an angle is in the field of a position.
     #[must_use]
     pub fn parse(text: &str) -> Option<Self> {
         let mut fields = [None; 6];

@@ -12,7 +12,7 @@ pub(crate) const D1: u8 = 0xd1;
 const SUM: u8 = 0x40;
 const COUNTS_PER_DEGREE: f64 = 32768.0;
 const COUNTS_PER_METRE: f64 = 64_000.0;
-const LARGEST: f64 = 8_388_607.0;
+const MAX_COUNT: f64 = 8_388_607.0;
 
 /// Zoom and focus in units of the lens (24 bits).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -68,7 +68,7 @@ impl Message {
         let angles = self.angles_degrees.map(|v| v * COUNTS_PER_DEGREE);
         let positions = self.position_metres.map(|v| v * COUNTS_PER_METRE);
         for (i, count) in angles.into_iter().chain(positions).enumerate() {
-            let count = count.round().clamp(-LARGEST - 1.0, LARGEST) as i32;
+            let count = count.round().clamp(-MAX_COUNT - 1.0, MAX_COUNT) as i32;
             bytes[2 + 3 * i..][..3].copy_from_slice(&count.to_be_bytes()[1..]);
         }
         for (i, count) in [self.lens.zoom, self.lens.focus].into_iter().enumerate() {

@@ -15,11 +15,11 @@ pub struct FreedSender {
 }
 
 impl FreedSender {
-    /// A sender to `receiver`, as camera number `camera`. A receiver that is not there yet is
-    /// no error.
+    /// Creates a sender to `receiver`, as camera number `camera`. A receiver that does not exist
+    /// yet is not an error.
     ///
     /// # Errors
-    /// What the operating system says if it has no socket or no route to the receiver.
+    /// The operating system provides no socket or no route to the receiver.
     pub fn new(receiver: SocketAddr, camera: u8) -> io::Result<Self> {
         // From loopback to loopback, otherwise from any interface.
         let local = match receiver {
@@ -49,8 +49,8 @@ impl FreedSender {
     /// see [`optical_to_studio`].
     ///
     /// # Errors
-    /// What the operating system says. A receiver that does not listen and a full queue are no
-    /// errors: they lose this one message.
+    /// The operating system cannot send. A missing receiver and a full queue are not errors: only
+    /// this message is lost.
     pub fn send(&self, world_from_camera: RigidTransform, lens: Lens) -> io::Result<()> {
         let message = Message::from_pose(self.camera, world_from_camera, self.axes, lens);
         match self.socket.send(&message.encode()) {

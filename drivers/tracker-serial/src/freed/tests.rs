@@ -1,4 +1,3 @@
-#![allow(clippy::unwrap_used, clippy::expect_used)]
 use super::*;
 use glam::{DQuat, DVec3};
 use penumbra_interface::RigidTransform;
@@ -34,7 +33,7 @@ fn pan_turns_right_tilt_up_and_roll_clockwise() {
     assert!(near(turned([0.0, 90.0, 0.0], DVec3::Y), DVec3::Z));
     // Clockwise from behind: the camera's right side goes down.
     assert!(near(turned([0.0, 0.0, 90.0], DVec3::X), DVec3::NEG_Z));
-    // Pan is about the vertical, whatever the tilt.
+    // Pan is about the vertical for any tilt.
     assert!(near(turned([90.0, 90.0, 0.0], DVec3::Z), DVec3::NEG_X));
 }
 
@@ -57,7 +56,7 @@ fn an_optical_frame_becomes_a_studio_frame() {
 }
 
 #[test]
-fn axes_are_parsed_and_printed_alike() {
+fn printed_axes_parse_to_the_same_axes() {
     for text in ["pan,tilt,roll,x,y,z", "-tilt,pan,roll,z,-y,x"] {
         assert_eq!(Axes::parse(text).unwrap().to_string(), text);
     }
@@ -118,7 +117,7 @@ proptest! {
     }
 
     #[test]
-    fn straight_up_and_down_survive_too(pan in -179.0..179.0, up in any::<bool>()) {
+    fn straight_up_and_down_survive_encoding(pan in -179.0..179.0, up in any::<bool>()) {
         let tilt = if up { 90.0 } else { -90.0 };
         let pose = message([pan, tilt, 0.0], [0.0; 3]).pose(Axes::default());
         let again = Message::from_pose(1, pose, Axes::default(), Lens::default());

@@ -15,7 +15,7 @@ const READING_LIMIT: usize = 64;
 /// Receivers of the largest system.
 const STATIONS: std::ops::RangeInclusive<u8> = 1..=16;
 
-/// What the device has been set to send.
+/// The configured record format.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Format {
     /// Azimuth, elevation and roll (item 4) instead of a quaternion (item 7).

@@ -1,9 +1,9 @@
-//! Who may open a port, and who has it open.
+//! Permissions of a port, and the program that has it open.
 
 use penumbra_interface::DeviceError;
 use std::path::Path;
 
-/// The error for a port that this user may not open, with the group that may.
+/// The error for a port that this user may not open; it names the group that may.
 ///
 /// Opening again may help: for a moment after plugging in, before udev has run, a port
 /// belongs to root alone.

@@ -5,12 +5,11 @@ use std::time::Duration;
 
 /// An open serial port or socket.
 pub trait Line: Send {
-    /// Waits up to `timeout` for bytes and reads what is there into `buffer`: how many bytes,
-    /// and when they were read. `None` if none came.
+    /// Waits up to `timeout` for bytes and reads the available ones into `buffer`; returns their
+    /// number and the time of reading, `None` if there are none.
     ///
     /// # Errors
-    /// [`DeviceError::Unplugged`] as soon as the other end is gone and everything has been
-    /// read.
+    /// [`DeviceError::Unplugged`] when the other end has disconnected and everything has been read.
     fn read(
         &mut self,
         buffer: &mut [u8],
@@ -20,7 +19,7 @@ pub trait Line: Send {
     /// Writes all of `bytes`.
     ///
     /// # Errors
-    /// As for [`read`](Self::read); [`DeviceError::Silent`] if the other end takes nothing for
-    /// a second.
+    /// As for [`read`](Self::read); [`DeviceError::Silent`] if the other end accepts nothing for a
+    /// second.
     fn write(&mut self, bytes: &[u8]) -> Result<(), DeviceError>;
 }

@@ -1,4 +1,4 @@
-//! The settings of a serial line, and whether a port has taken them.
+//! The settings of a serial line, and whether a port uses them.
 
 use serialport::{DataBits, FlowControl, Parity, SerialPort, SerialPortBuilder, StopBits};
 use std::fmt;
@@ -38,7 +38,7 @@ impl LineSettings {
     /// The settings that a port has now.
     ///
     /// # Errors
-    /// What the system says.
+    /// The system cannot read the settings.
     pub(super) fn of(port: &impl SerialPort) -> serialport::Result<Self> {
         Ok(Self {
             baud: port.baud_rate()?,
@@ -49,10 +49,10 @@ impl LineSettings {
         })
     }
 
-    /// Whether a port with the settings `actual` can talk to a device that uses these.
+    /// Whether a port with the settings `actual` can communicate with a device that uses these.
     ///
-    /// A driver divides a clock, so the baud rate may be off by 2.5 %: the receiver samples
-    /// the last bit of ten in its middle, and each side may use half of that half bit.
+    /// A driver divides a clock, so the baud rate may deviate by 2.5 %: the receiver samples the
+    /// last bit of ten in its middle, and each side may use half of that half bit.
     pub(super) fn are_met_by(self, actual: Self) -> bool {
         let close = self.baud.abs_diff(actual.baud) <= self.baud / 40;
         close

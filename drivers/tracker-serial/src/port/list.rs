@@ -13,12 +13,11 @@ const BY_ID: &str = "/dev/serial/by-id";
 pub struct PortInfo {
     /// `/dev/ttyUSB0`: depends on the order in which devices were plugged in.
     pub path: String,
-    /// Its name under `/dev/serial/by-id`, which stays the same: use this one in a
-    /// configuration. Linux only.
+    /// Its name under `/dev/serial/by-id`, which is stable: use it in a configuration. Linux only.
     pub by_id: Option<String>,
     /// The identity that the USB device reports; `None` for other ports.
     pub usb: Option<UsbIdentity>,
-    /// What is likely to be connected, judged by the USB device alone.
+    /// The device that is probably connected, by the USB identity alone.
     pub likely: Option<&'static str>,
 }
 
@@ -37,8 +36,8 @@ pub struct UsbIdentity {
     pub serial: Option<String>,
 }
 
-/// All serial ports, by path. Empty where they cannot be listed; name the port by its path
-/// then.
+/// Lists all serial ports, sorted by path. Empty if they cannot be listed; the port can then be
+/// named by its path.
 #[must_use]
 pub fn list_ports() -> Vec<PortInfo> {
     let names = names_by_id(Path::new(BY_ID));
@@ -111,7 +110,7 @@ fn has_hardware(class: &Path, path: &str) -> bool {
     kind.map_or(true, |kind| kind.trim() != "0")
 }
 
-/// What a USB device is likely to be. An adapter does not say what is connected to it.
+/// The probable kind of a USB device. An adapter does not identify the device connected to it.
 fn likely(usb: &UsbIdentity) -> Option<&'static str> {
     let named = |word: &str| {
         let texts = [usb.maker.as_deref(), usb.name.as_deref()];
@@ -164,7 +163,7 @@ pub(super) fn latency_warning(path: &Path) -> Option<String> {
         return None;
     }
     Some(format!(
-        "its USB adapter holds bytes back for {millis} ms; install the udev rules (`sudo make \
+        "its USB adapter delays bytes by {millis} ms; install the udev rules (`sudo make \
          install`), or write 1 to {}",
         timer.display()
     ))

@@ -33,15 +33,14 @@ use penumbra_interface::{DeviceError, Tracker};
 /// Opens a tracker, configures it and waits until it streams. Blocks for a few seconds at most.
 ///
 /// # Errors
-/// In one line what is wrong: the port or the protocol does not exist, the port is not
-/// permitted or in use, the device is silent or sends another protocol. Whether trying again
-/// may help is [`DeviceError::recovery`].
+/// The port or the protocol does not exist, the port is not permitted or in use, the device is
+/// silent or sends another protocol. [`DeviceError::recovery`] tells whether to try again.
 pub fn open(settings: &TrackerSettings) -> Result<Box<dyn Tracker>, DeviceError> {
     let Some(format) = Format::for_protocol(&settings.protocol) else {
         return Err(refused(
             settings,
             format!(
-                "{:?} is no tracker protocol; there are {}",
+                "{:?} is no tracker protocol; the protocols are {}",
                 settings.protocol,
                 PROTOCOLS.join(", ")
             ),
@@ -53,7 +52,7 @@ pub fn open(settings: &TrackerSettings) -> Result<Box<dyn Tracker>, DeviceError>
         }
         (PortName::Vrpn { .. }, _) => Err(refused(
             settings,
-            "a VRPN server has no other protocol than vrpn; set protocol = \"vrpn\"".to_owned(),
+            "a VRPN server needs the protocol vrpn; set protocol = \"vrpn\"".to_owned(),
         )),
         (_, Format::Vrpn(_)) => Err(refused(
             settings,

@@ -1,4 +1,4 @@
-//! Opens a serial port, and says in one line why it cannot.
+//! Opens a serial port, with one-line errors.
 
 use super::access::{busy, not_permitted};
 use super::line_settings::LineSettings;
@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 
 const BY_ID: &str = "/dev/serial/by-id";
 
-/// The path that a configured name stands for: a path itself, or a name under
+/// Returns the path of a configured name: the name itself if it is a path, else the link under
 /// `/dev/serial/by-id`.
 pub(super) fn device_path(name: &str) -> PathBuf {
     if name.contains(std::path::MAIN_SEPARATOR) || cfg!(windows) {
@@ -24,15 +24,14 @@ pub(super) fn device_path(name: &str) -> PathBuf {
 /// `name` is the configured one, for messages.
 ///
 /// # Errors
-/// The port is absent, not permitted, in use, not a serial port, or does not take the
-/// settings.
+/// The port is absent, not permitted, in use, not a serial port, or does not accept the settings.
 pub(super) fn open_port(
     name: &str,
     path: &Path,
     requested: LineSettings,
 ) -> Result<NativePort, DeviceError> {
     if requested.baud == 0 {
-        // For the system this is the command to hang up.
+        // The system interprets this rate as the command to hang up.
         return Err(refused(name, "0 is not a baud rate; set another `baud`"));
     }
     let preflight = native::preflight(path).map_err(|error| preflight_error(name, path, &error))?;
@@ -58,7 +57,7 @@ fn configure(
         // Setting a baud rate there fails; 0 leaves it out.
         line.baud = 0;
     }
-    // Boards with USB of their own send only while DTR is up. Windows leaves it down.
+    // Boards with built-in USB send only while DTR is up. Windows leaves it down.
     let builder = serialport::new(path.to_string_lossy(), line.baud).dtr_on_open(true);
     let port = line.apply(builder).open_native()?;
     native::prepare(&port)?;
@@ -74,8 +73,7 @@ fn preflight_error(name: &str, path: &Path, error: &io::Error) -> DeviceError {
         ErrorKind::ResourceBusy => busy(path),
         _ if native::is_gone(error) => not_found(name),
         _ => {
-            let reason =
-                format!("is no serial port ({error}); `penumbra devices` lists those there are");
+            let reason = format!("is no serial port ({error}); `penumbra devices` lists the ports");
             refused(name, &reason)
         }
     }

@@ -1,4 +1,4 @@
-//! Finds out which tracker is connected to a port.
+//! Detects which tracker is connected to a port.
 
 use super::line::Line;
 use super::serial::SerialLine;
@@ -14,9 +14,9 @@ use std::time::Duration;
 /// Baud rates of trackers, the most common first.
 const BAUDS: [u32; 4] = [115_200, 38_400, 19_200, 9_600];
 /// How long to listen for a device that streams already: the slowest send 10 records a second.
-const LISTENING: Duration = Duration::from_millis(600);
+const LISTEN_TIME: Duration = Duration::from_millis(600);
 /// How long to wait for an answer.
-const ANSWER: Duration = Duration::from_millis(300);
+const ANSWER_TIMEOUT: Duration = Duration::from_millis(300);
 /// Bytes that suffice to recognise a protocol.
 const ENOUGH: usize = 4096;
 
@@ -28,7 +28,7 @@ pub struct Found {
     /// Baud rate; `None` for datagrams.
     pub baud: Option<u32>,
     /// The device's description of itself, if it sent one.
-    pub said: Option<String>,
+    pub description: Option<String>,
 }
 
 /// Listens at `port`, then asks for the status or version of each kind of tracker, at every
@@ -37,15 +37,15 @@ pub struct Found {
 /// The questions do not change the settings of a device.
 ///
 /// # Errors
-/// As for opening the port.
+/// The port cannot be opened, see [`open`](super::open).
 pub fn probe(port: &PortName) -> Result<Option<Found>, DeviceError> {
     match port {
         PortName::Serial(name) => probe_serial(name),
         PortName::Udp(address) => {
-            let received = listen(&mut UdpLine::bind(*address)?, LISTENING)?;
+            let received = listen(&mut UdpLine::bind(*address)?, LISTEN_TIME)?;
             Ok(protocol_of(&received).map(|protocol| found(protocol, None, None)))
         }
-        // Connecting to a server shows what it has.
+        // Connecting to a server identifies it.
         PortName::Vrpn { .. } => Ok(None),
     }
 }
@@ -61,28 +61,28 @@ fn probe_serial(name: &str) -> Result<Option<Found>, DeviceError> {
 }
 
 fn probe_at(line: &mut impl Line, baud: u32) -> Result<Option<Found>, DeviceError> {
-    let received = listen(line, LISTENING)?;
+    let received = listen(line, LISTEN_TIME)?;
     if let Some(protocol) = protocol_of(&received) {
         return Ok(Some(found(protocol, Some(baud), None)));
     }
     line.write(b"S")?;
-    if let Some(status) = Status::find(&listen(line, ANSWER)?) {
+    if let Some(status) = Status::find(&listen(line, ANSWER_TIMEOUT)?) {
         let encoding = if status.binary {
             "fastrak-binary-quaternion"
         } else {
             "fastrak"
         };
-        let said = fastrak::commands::describe(&status).description;
-        return Ok(Some(found(encoding, Some(baud), said)));
+        let description = fastrak::commands::describe(&status).description;
+        return Ok(Some(found(encoding, Some(baud), description)));
     }
     // Ends a command line that another device may have begun, then asks a Liberty.
     line.write(b"\r\x16\r")?;
-    if let Some(answer) = liberty::commands::identity(&listen(line, ANSWER)?) {
+    if let Some(answer) = liberty::commands::identity(&listen(line, ANSWER_TIMEOUT)?) {
         return Ok(Some(found("liberty", Some(baud), answer.description)));
     }
     line.write(&[b'O', 1])?;
-    let answer = listen(line, ANSWER)?;
-    Ok(flock_version(&answer).map(|said| found("flock", Some(baud), Some(said))))
+    let answer = listen(line, ANSWER_TIMEOUT)?;
+    Ok(flock_version(&answer).map(|version| found("flock", Some(baud), Some(version))))
 }
 
 /// The software version of a Flock of Birds: two bytes, the first one small.
@@ -93,15 +93,15 @@ fn flock_version(answer: &[u8]) -> Option<String> {
     }
 }
 
-fn found(protocol: &str, baud: Option<u32>, said: Option<String>) -> Found {
+fn found(protocol: &str, baud: Option<u32>, description: Option<String>) -> Found {
     Found {
         protocol: protocol.to_owned(),
         baud,
-        said,
+        description,
     }
 }
 
-/// Everything that arrives within `duration`, or enough of it.
+/// Returns the bytes that arrive within `duration`, or the first [`ENOUGH`] of them.
 fn listen(line: &mut impl Line, duration: Duration) -> Result<Vec<u8>, DeviceError> {
     let until = SystemClock.now() + duration;
     let mut received = Vec::new();

@@ -54,8 +54,8 @@ impl SerialLine {
     /// Opens a port for this process alone: 8 data bits, 1 stop bit, no flow control.
     ///
     /// # Errors
-    /// In one line: the port is absent, not permitted, in use (by which program), not a serial
-    /// port, or does not take the settings.
+    /// The port is absent, not permitted, in use (the error names the program), not a serial port,
+    /// or does not accept the settings.
     pub fn open(name: &str, baud: u32, parity: Parity) -> Result<Self, DeviceError> {
         let path = device_path(name);
         let port = open_port(name, &path, LineSettings::new(baud, parity))?;

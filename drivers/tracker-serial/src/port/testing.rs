@@ -1,5 +1,5 @@
-//! A pseudo-terminal for tests of ports: nothing but the kernel is at its other end.
-#![allow(clippy::unwrap_used)]
+//! A pseudo-terminal for tests of ports, without a device at its other end.
+#![expect(clippy::unwrap_used)]
 
 use rustix::fs::{Mode, OFlags};
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};

@@ -10,7 +10,7 @@ use penumbra_interface::{
 use std::collections::VecDeque;
 use std::time::Duration;
 
-/// Most bytes of one read: a third of a second at 115200 baud.
+/// Maximum number of bytes of one read: a third of a second at 115200 baud.
 const READ_LIMIT: usize = 4096;
 
 /// A tracker that streams through a serial port or a socket.
@@ -19,7 +19,7 @@ pub struct LineTracker<L: Line> {
     line: L,
     settings: TrackerSettings,
     report: TrackerReport,
-    /// Parts of the stream that came before the dialogue was over.
+    /// Parts of the stream that arrived before the end of the dialogue.
     pending: VecDeque<TrackerBytes>,
     /// When the last bytes arrived.
     last_received_at: MonotonicTime,
@@ -49,7 +49,7 @@ impl<L: Line> LineTracker<L> {
             buffer: vec![0; READ_LIMIT].into(),
         };
         let answer = tracker.converse()?;
-        tracker.report.said = answer.description;
+        tracker.report.description = answer.description;
         tracker.report.warning = answer.warning;
         tracker.last_received_at = SystemClock.now();
         Ok(tracker)
@@ -100,7 +100,7 @@ impl<L: Line> LineTracker<L> {
         self.last_received_at = arrived_at;
         self.report.bytes += count as u64;
         Ok(Some(TrackerBytes {
-            // A slice of the buffer would keep all of it in memory while a recorder holds it.
+            // A slice would keep the complete buffer in memory while a recorder holds it.
             bytes: Bytes::copy_from_slice(&self.buffer[..count]),
             arrived_at,
         }))
@@ -142,7 +142,7 @@ impl<L: Line> Tracker for LineTracker<L> {
 }
 
 impl<L: Line> Drop for LineTracker<L> {
-    /// Stops the stream. The device may be gone, so an error is ignored.
+    /// Stops the stream. The device may be disconnected, so an error is ignored.
     fn drop(&mut self) {
         let stop = stop_command(&self.settings);
         if !stop.is_empty() {

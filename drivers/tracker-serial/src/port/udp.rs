@@ -44,8 +44,9 @@ impl UdpLine {
                 },
                 ErrorKind::AddrNotAvailable => DeviceError::Unready {
                     device,
-                    reason: "this machine has no such address; 0.0.0.0 means all that it has"
-                        .to_owned(),
+                    reason:
+                        "this machine has no such address; 0.0.0.0 stands for all its addresses"
+                            .to_owned(),
                 },
                 _ => DeviceError::Refused {
                     device,
@@ -82,7 +83,7 @@ impl Line for UdpLine {
             // An empty datagram.
             Ok(_) => Ok(None),
             Err(error) => match error.kind() {
-                // Nothing in time, or a refusal that belongs to an earlier datagram.
+                // Timeout, or a refusal of an earlier datagram.
                 ErrorKind::WouldBlock
                 | ErrorKind::TimedOut
                 | ErrorKind::Interrupted
@@ -94,7 +95,7 @@ impl Line for UdpLine {
     }
 
     fn write(&mut self, _bytes: &[u8]) -> Result<(), DeviceError> {
-        // A unit that sends datagrams takes no commands.
+        // Units that send datagrams accept no commands.
         Ok(())
     }
 }

@@ -10,9 +10,9 @@ use std::io::{ErrorKind, Read, Write};
 use std::net::{TcpStream, ToSocketAddrs};
 use std::time::Duration;
 
-const CONNECTING: Duration = Duration::from_secs(2);
-/// A server on a slow network has sent its cookie and the first pose within this time.
-const HANDSHAKE: Duration = Duration::from_secs(3);
+const CONNECT_TIMEOUT: Duration = Duration::from_secs(2);
+/// Time limit for the server's cookie and the first pose, sufficient for a slow network.
+const HANDSHAKE_TIMEOUT: Duration = Duration::from_secs(3);
 
 /// A connection to a VRPN server.
 #[derive(Debug)]
@@ -33,8 +33,8 @@ impl VrpnTracker {
     /// Connects to `host` (`HOST:PORT`) and waits for the first pose of `tracker`.
     ///
     /// # Errors
-    /// In one line: the host is unknown or does not answer, it is no VRPN server, it has no such
-    /// tracker (with the names of those that it has), or it sends no pose.
+    /// The host is unknown or does not answer, it is no VRPN server, it has no such tracker (the
+    /// error lists its trackers), or it sends no pose.
     pub fn open(
         settings: &TrackerSettings,
         tracker: &str,
@@ -62,12 +62,12 @@ impl VrpnTracker {
             .map_err(|error| opened.failed(&error))?;
         opened.await_pose()?;
         let senders: Vec<_> = opened.client.senders().collect();
-        opened.report.said = Some(format!("VRPN server with {}", senders.join(", ")));
+        opened.report.description = Some(format!("VRPN server with {}", senders.join(", ")));
         Ok(opened)
     }
 
     fn await_pose(&mut self) -> Result<(), DeviceError> {
-        let until = SystemClock.now() + HANDSHAKE;
+        let until = SystemClock.now() + HANDSHAKE_TIMEOUT;
         while self.messages.is_empty() {
             let left = until.nanos_since(SystemClock.now());
             let Ok(left @ 1..) = u64::try_from(left) else {
@@ -81,7 +81,7 @@ impl VrpnTracker {
     fn no_pose_error(&self) -> DeviceError {
         let senders: Vec<_> = self.client.senders().collect();
         if senders.is_empty() || senders.contains(&self.tracker.as_str()) {
-            return self.silent(HANDSHAKE.as_millis() as u64);
+            return self.silent(HANDSHAKE_TIMEOUT.as_millis() as u64);
         }
         self.unready(format!(
             "the server has no tracker {:?}; it has {}",
@@ -186,14 +186,14 @@ fn connect(host: &str, device: &str) -> Result<TcpStream, DeviceError> {
     };
     let addresses = host
         .to_socket_addrs()
-        .map_err(|error| unready(format!("{host} is no known host ({error})")))?;
+        .map_err(|error| unready(format!("the host {host} is unknown ({error})")))?;
     let mut refusal = format!("{host} has no address");
     for address in addresses {
-        match TcpStream::connect_timeout(&address, CONNECTING) {
+        match TcpStream::connect_timeout(&address, CONNECT_TIMEOUT) {
             Ok(stream) => {
                 let ready = stream
                     .set_nodelay(true)
-                    .and_then(|()| stream.set_write_timeout(Some(CONNECTING)));
+                    .and_then(|()| stream.set_write_timeout(Some(CONNECT_TIMEOUT)));
                 return ready
                     .map(|()| stream)
                     .map_err(|error| unready(error.to_string()));

@@ -1,7 +1,7 @@
 use super::*;
 
 #[test]
-fn records_of_another_protocol_are_named() {
+fn message_names_the_received_protocol() {
     let received = b"01   31.50  -2.00   3.00  10.00  20.00  30.00\r\n".repeat(6);
     let text = recognise(&received[13..], "liberty");
     assert!(
@@ -30,7 +30,7 @@ fn noise_suggests_another_baud_rate() {
 }
 
 #[test]
-fn no_bytes_are_no_error() {
+fn empty_input_is_no_error() {
     assert!(protocol_of(&[]).is_none());
     assert!(!recognise(&[], "fastrak").is_empty());
 }

@@ -14,12 +14,12 @@ const TYPE_DESCRIPTION: i32 = -2;
 const DISCONNECT: i32 = -5;
 /// Name of the message type that carries poses.
 const POS_QUAT: &str = "vrpn_Tracker Pos_Quat";
-/// Longest message, bytes; servers send far shorter ones.
+/// Maximum length of a message, bytes; servers send far shorter ones.
 const MESSAGE_LIMIT: usize = 1 << 16;
-/// Most names that are remembered; a server has far fewer.
+/// Maximum number of stored names; a server has far fewer.
 const NAMES_LIMIT: usize = 4096;
 
-/// The connection is of no use.
+/// The connection is unusable.
 #[derive(Clone, Debug, Error, PartialEq, Eq)]
 pub enum VrpnError {
     /// The other end is no VRPN server.
@@ -69,7 +69,7 @@ impl Client {
         }
     }
 
-    /// What to send on connecting: the cookie, then the names of the tracker and of the
+    /// The first message to the server: the cookie, then the names of the tracker and of the
     /// message type.
     #[must_use]
     pub fn greeting(&self) -> Vec<u8> {
@@ -101,12 +101,12 @@ impl Client {
         self.senders.values().map(String::as_str)
     }
 
-    /// Takes bytes, split anywhere, and appends every complete `Pos_Quat` message of the
-    /// tracker to `messages`, unchanged.
+    /// Adds received bytes, which may be split anywhere, and appends every complete `Pos_Quat`
+    /// message of the tracker to `messages`, unchanged.
     ///
     /// # Errors
-    /// The other end is no VRPN server, has another version, or ends the connection. The
-    /// connection is of no use after that.
+    /// The other end is no VRPN server, has another version, or ends the connection. The connection
+    /// is then unusable.
     pub fn push(&mut self, bytes: &[u8], messages: &mut Vec<u8>) -> Result<(), VrpnError> {
         self.buffer.extend_from_slice(bytes);
         let mut start = 0;
@@ -126,7 +126,7 @@ impl Client {
         Ok(())
     }
 
-    /// Refuses a wrong beginning before the whole cookie has come.
+    /// Refuses a wrong beginning before the complete cookie has arrived.
     fn check_partial_cookie(&self) -> Result<(), VrpnError> {
         let available = self.buffer.len().min(MAJOR.len());
         match self.buffer.get(..available) == MAJOR.get(..available) {
@@ -135,7 +135,7 @@ impl Client {
         }
     }
 
-    /// Takes all complete messages from the front; their length in bytes.
+    /// Handles all complete messages at the front; returns their length in bytes.
     fn take_all(&mut self, bytes: &[u8], messages: &mut Vec<u8>) -> Result<usize, VrpnError> {
         let mut rest = bytes;
         while let Some(length) = wire::int_at(rest, 0) {

@@ -1,4 +1,3 @@
-#![allow(clippy::unwrap_used)]
 use super::super::rays::RandomIndices;
 use super::super::view::View;
 use super::*;

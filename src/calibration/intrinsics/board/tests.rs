@@ -1,4 +1,3 @@
-#![allow(clippy::unwrap_used)]
 use super::*;
 
 #[test]
@@ -16,13 +15,13 @@ fn written_board_parses_back_unchanged() {
     let charuco = Board::parse("charuco:8x5:0.03:0.022:DICT_6X6_250").unwrap();
     assert_eq!((charuco.point_count(), charuco.tag_count()), (28, 20));
     assert_eq!(charuco.family(), Some(Family::Aruco6x6(250)));
-    let usual = Board::parse("charuco:14x9:0.03:0.022").unwrap();
-    assert_eq!(usual.family(), Some(Family::Aruco4x4(100)));
+    let default = Board::parse("charuco:14x9:0.03:0.022").unwrap();
+    assert_eq!(default.family(), Some(Family::Aruco4x4(100)));
 }
 
 #[test]
 fn invalid_board_gives_one_line_error() {
-    for (text, says) in [
+    for (text, message) in [
         ("", "write chess:"),
         ("chess", "write chess:"),
         ("chess:9x6", "write chess:"),
@@ -41,6 +40,6 @@ fn invalid_board_gives_one_line_error() {
         ("circles:6x6:0.03", "write chess:"),
     ] {
         let error = Board::parse(text).unwrap_err().to_string();
-        assert!(error.contains(says) && !error.contains('\n'), "{error}");
+        assert!(error.contains(message) && !error.contains('\n'), "{error}");
     }
 }

@@ -6,16 +6,16 @@ use super::refine::refine;
 use super::saddles::examine;
 use glam::DVec2;
 
-/// A window reaches over this share of the way to the nearest corner: in perspective the next
-/// corner's edges are nearer than that corner.
+/// Radius of the refinement window as a share of the distance to the nearest corner: in perspective
+/// the next corner's edges are nearer than that corner.
 const WINDOW: f64 = 0.55;
-/// A missed corner has at least this share of its neighbours' contrast: beside the board
-/// there is texture too.
-const CONTRAST: f64 = 0.4;
-/// A foretold corner may be off by this share of the distance to its neighbour.
-const FORETOLD: f64 = 0.25;
+/// Minimum contrast of a missed corner as a share of its neighbours'; excludes texture beside the
+/// board.
+const MIN_CONTRAST: f64 = 0.4;
+/// Maximum deviation from the predicted position as a share of the distance to the neighbour.
+const MAX_DEVIATION: f64 = 0.25;
 
-/// Adds corners at the positions predicted by rows and columns until no more are found.
+/// Adds corners at the positions predicted by rows and columns until none is found.
 pub(super) fn fill(picture: &Grey, grid: &mut Grid) {
     let light = picture.blurred(0.7);
     for _ in 0..8 {
@@ -43,43 +43,45 @@ fn gaps(grid: &Grid) -> Vec<(i32, i32)> {
     out
 }
 
-/// The corner that belongs at `at`, if two lines through known corners agree on it and the
-/// picture has one there of the right kind.
+/// Finds the corner at grid position `at`, if at least two lines through known corners predict
+/// consistent positions and the picture has a corner of the right polarity there.
 fn corner_at(picture: &Grey, grid: &Grid, at: (i32, i32)) -> Option<DVec2> {
-    let foretold: Vec<(DVec2, f64)> = STEPS
+    let predictions: Vec<(DVec2, f64)> = STEPS
         .iter()
         .filter_map(|&step| grid.extrapolated(at, step))
         .collect();
-    let (first, pitch) = *foretold.first()?;
-    let agree = foretold
+    let (first, pitch) = *predictions.first()?;
+    let is_consistent = predictions
         .iter()
-        .all(|(p, _)| p.distance(first) < FORETOLD * pitch);
-    if foretold.len() < 2 || !agree {
+        .all(|(p, _)| p.distance(first) < MAX_DEVIATION * pitch);
+    if predictions.len() < 2 || !is_consistent {
         return None;
     }
-    let mean = foretold.iter().map(|f| f.0).sum::<DVec2>() / foretold.len() as f64;
-    let pitch = foretold.iter().map(|f| f.1).fold(f64::MAX, f64::min);
+    let mean = predictions.iter().map(|f| f.0).sum::<DVec2>() / predictions.len() as f64;
+    let pitch = predictions.iter().map(|f| f.1).fold(f64::MAX, f64::min);
     let found = refine(picture, mean, WINDOW * pitch)?;
     let saddle = examine(picture, found)?;
-    let around = [(1, 0), (-1, 0), (0, 1), (0, -1)];
-    let beside = around.iter().filter_map(|(i, j)| {
+    let directions = [(1, 0), (-1, 0), (0, 1), (0, -1)];
+    let contrasts = directions.iter().filter_map(|(i, j)| {
         let neighbour = grid.corners.get(&(at.0 + i, at.1 + j))?;
         Some(examine(picture, *neighbour)?.contrast)
     });
-    let usual = beside.fold(0.0, f64::max);
-    if saddle.contrast < CONTRAST * usual {
+    let neighbour_contrast = contrasts.fold(0.0, f64::max);
+    if saddle.contrast < MIN_CONTRAST * neighbour_contrast {
         return None;
     }
-    let fresh = grid
+    let is_new = grid
         .corners
         .values()
         .all(|p| p.distance(found) > 0.5 * pitch);
-    (fresh && found.distance(mean) < FORETOLD * pitch && alternates(grid, at, &saddle))
-        .then_some(found)
+    (is_new
+        && found.distance(mean) < MAX_DEVIATION * pitch
+        && has_expected_polarity(grid, at, &saddle))
+    .then_some(found)
 }
 
-/// The sector towards the next column and row has the colour that belongs there.
-fn alternates(grid: &Grid, at: (i32, i32), saddle: &super::saddles::Saddle) -> bool {
+/// Returns whether the sector towards the next column and row has the expected brightness.
+fn has_expected_polarity(grid: &Grid, at: (i32, i32), saddle: &super::saddles::Saddle) -> bool {
     let known = |(i, j): (i32, i32)| grid.corners.get(&(i, j)).copied();
     let along = |step: (i32, i32)| {
         let ahead = known((at.0 + step.0, at.1 + step.1));
@@ -95,16 +97,16 @@ fn alternates(grid: &Grid, at: (i32, i32), saddle: &super::saddles::Saddle) -> b
     };
     let towards = column.normalize_or_zero() + row.normalize_or_zero();
     let edge = (0..4)
-        .filter(|&e| super::saddles::turn(towards.to_angle() - saddle.edges[e]) >= 0.0)
+        .filter(|&e| super::saddles::wrapped(towards.to_angle() - saddle.edges[e]) >= 0.0)
         .min_by(|&a, &b| {
-            let behind = |e: usize| super::saddles::turn(towards.to_angle() - saddle.edges[e]);
+            let behind = |e: usize| super::saddles::wrapped(towards.to_angle() - saddle.edges[e]);
             behind(a).total_cmp(&behind(b))
         });
-    edge.is_some_and(|e| (saddle.bright_first == (e % 2 == 0)) == grid.is_bright(at))
+    edge.is_some_and(|e| (saddle.is_first_bright == (e % 2 == 0)) == grid.is_bright(at))
 }
 
-/// Every corner through the window that its neighbours leave it; what cannot be refined is
-/// dropped.
+/// Refines every corner within a window limited by its neighbours; removes corners that cannot be
+/// refined.
 pub(super) fn refine_all(picture: &Grey, grid: &mut Grid) {
     let windows: Vec<_> = grid
         .corners
@@ -117,7 +119,7 @@ pub(super) fn refine_all(picture: &Grey, grid: &mut Grid) {
         .collect();
 }
 
-/// Distance to the nearest of the neighbours, the diagonal ones too.
+/// Returns the distance to the nearest neighbour, diagonal ones included, pixels.
 fn nearest(grid: &Grid, (i, j): (i32, i32)) -> Option<f64> {
     let here = grid.corners.get(&(i, j))?;
     let around = (-1..=1).flat_map(|di| (-1..=1).map(move |dj| (i + di, j + dj)));

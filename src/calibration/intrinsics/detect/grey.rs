@@ -15,7 +15,7 @@ pub struct Grey {
 }
 
 impl Grey {
-    /// From 8-bit grey, rows tightly packed; what is missing is black.
+    /// Converts 8-bit grey, rows tightly packed; missing pixels become black.
     #[must_use]
     pub fn from_bytes(width: usize, height: usize, bytes: &[u8]) -> Self {
         let mut data: Vec<f32> = bytes.iter().map(|&b| f32::from(b)).collect();
@@ -27,7 +27,8 @@ impl Grey {
         }
     }
 
-    /// The luma (Rec.601) of a colour picture, which is what cameras encode most sharply.
+    /// Computes the luma (Rec. 601) of a colour picture, which cameras encode at the highest
+    /// resolution.
     #[must_use]
     pub fn from_picture(picture: &Picture) -> Self {
         let luma =
@@ -39,7 +40,7 @@ impl Grey {
         }
     }
 
-    /// The value at a pixel, the edge's outside.
+    /// Returns the value at a pixel; outside the picture, that of the nearest edge pixel.
     #[must_use]
     pub fn at(&self, x: isize, y: isize) -> f32 {
         let x = x.clamp(0, self.width as isize - 1) as usize;
@@ -47,7 +48,7 @@ impl Grey {
         self.data[y * self.width + x]
     }
 
-    /// The value between pixels, bilinear.
+    /// Returns the bilinearly interpolated value at `p`, pixels.
     #[must_use]
     pub fn sample(&self, p: DVec2) -> f64 {
         let base = p.floor();
@@ -58,14 +59,14 @@ impl Grey {
         f64::from(top * (1.0 - v) + bottom * v)
     }
 
-    /// `p` is at least `margin` pixels within the picture.
+    /// Returns whether `p` is at least `margin` pixels inside the picture.
     #[must_use]
     pub fn contains(&self, p: DVec2, margin: f64) -> bool {
         let (w, h) = (self.width as f64 - 1.0, self.height as f64 - 1.0);
         p.x >= margin && p.y >= margin && p.x <= w - margin && p.y <= h - margin
     }
 
-    /// Blurred by a Gaussian of `sigma` pixels.
+    /// Returns the picture blurred by a Gaussian of `sigma` pixels.
     #[must_use]
     pub fn blurred(&self, sigma: f32) -> Self {
         let reach = (3.0 * sigma).ceil() as isize;
@@ -78,7 +79,8 @@ impl Grey {
             .transposed()
     }
 
-    /// Every other pixel, after the blur that this asks for; pixel p of it is 2 p here.
+    /// Returns every other pixel after an anti-aliasing blur; its pixel p is pixel 2 p of this
+    /// picture.
     #[must_use]
     pub fn halved(&self) -> Self {
         let smooth = self.blurred(0.8);
@@ -134,7 +136,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_ramp_is_blurred_and_halved_to_itself() {
+    fn blurring_and_halving_preserve_a_ramp() {
         let data = (0..64 * 48)
             .map(|i| (i % 64 + 2 * (i / 64)) as f32)
             .collect();

@@ -1,29 +1,29 @@
-//! From linked saddles to rows and columns (Shu, Brunton & Fiala 2009: by neighbourhood, not
-//! by geometry, so that no distortion is too strong).
+//! Orders linked saddles in rows and columns by topology instead of geometry, so that any
+//! distortion is permitted (Shu, Brunton & Fiala 2009).
 
 use super::links::Links;
 use super::saddles::Saddle;
 use glam::{DVec2, IVec2};
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 
-/// Corners by column and row, +X rightwards and +Y downwards as seen (not mirrored); the
-/// origin is arbitrary.
+/// Corners by column and row, with the handedness of the picture (+X right, +Y down; not mirrored);
+/// the origin is arbitrary.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Grid {
     pub corners: BTreeMap<(i32, i32), DVec2>,
-    /// The sector between +column and +row of the corner (0, 0) is bright; neighbours
-    /// alternate.
-    pub bright_origin: bool,
+    /// The sector between +column and +row of the corner (0, 0) is bright; it alternates between
+    /// neighbours.
+    pub is_origin_bright: bool,
 }
 
 impl Grid {
-    /// Columns and rows over which it extends.
+    /// Returns the number of columns and rows.
     pub fn extent(&self) -> (i32, i32) {
         let (low, high) = self.bounds();
         (high.x - low.x + 1, high.y - low.y + 1)
     }
 
-    /// Least and greatest column and row.
+    /// Returns the minimum and maximum column and row.
     pub fn bounds(&self) -> (IVec2, IVec2) {
         self.corners
             .keys()
@@ -33,7 +33,7 @@ impl Grid {
             })
     }
 
-    /// Of its squares in the picture, square pixels.
+    /// Returns the area of its squares in the picture, square pixels.
     pub fn area(&self) -> f64 {
         let corner = |i: i32, j: i32| self.corners.get(&(i, j)).copied();
         let square = |(&(i, j), &p): (&(i32, i32), &DVec2)| {
@@ -43,7 +43,8 @@ impl Grid {
         self.corners.iter().filter_map(square).sum()
     }
 
-    /// Where a line of two known corners leads, and how far apart these are.
+    /// Extrapolates a line of known corners to a grid position; also returns their distance,
+    /// pixels.
     pub fn extrapolated(&self, (i, j): (i32, i32), step: IVec2) -> Option<(DVec2, f64)> {
         let corner = |n: i32| self.corners.get(&(i + n * step.x, j + n * step.y)).copied();
         let (a, b) = (corner(1)?, corner(2)?);
@@ -52,71 +53,71 @@ impl Grid {
         Some((curved, a.distance(b)))
     }
 
-    /// Without what an edge in the background joined: corners that no line through others
-    /// leads to, that are part of no square, or that are cut off from the rest.
+    /// Removes corners of the background that an edge joined to the board: corners that are on no
+    /// line through others, belong to no square, or are disconnected from the rest.
     fn pruned(mut self) -> Self {
         loop {
             let before = self.corners.len();
-            let doubted = self.clone();
+            let previous = self.clone();
             self.corners
-                .retain(|&at, p| doubted.is_foretold(at, *p) && doubted.is_of_a_square(at));
+                .retain(|&at, p| previous.is_on_line(at, *p) && previous.is_in_square(at));
             if self.corners.len() == before {
-                return self.largest_piece();
+                return self.largest_component();
             }
         }
     }
 
-    fn is_foretold(&self, at: (i32, i32), p: DVec2) -> bool {
+    fn is_on_line(&self, at: (i32, i32), p: DVec2) -> bool {
         STEPS
             .iter()
             .filter_map(|&step| self.extrapolated(at, step))
-            .any(|(q, pitch)| q.distance(p) < STRAIGHT * pitch)
+            .any(|(q, pitch)| q.distance(p) < MAX_DEVIATION * pitch)
     }
 
-    fn is_of_a_square(&self, (i, j): (i32, i32)) -> bool {
+    fn is_in_square(&self, (i, j): (i32, i32)) -> bool {
         let has = |i: i32, j: i32| self.corners.contains_key(&(i, j));
         [(1, 1), (1, -1), (-1, 1), (-1, -1)]
             .iter()
             .any(|(di, dj)| has(i + di, j) && has(i, j + dj) && has(i + di, j + dj))
     }
 
-    /// The most corners that hang together.
-    fn largest_piece(mut self) -> Self {
+    /// Returns the largest connected component.
+    fn largest_component(mut self) -> Self {
         let mut best = BTreeMap::new();
         while let Some((&seed, _)) = self.corners.first_key_value() {
-            let mut piece = BTreeMap::new();
+            let mut component = BTreeMap::new();
             let mut open = vec![seed];
             while let Some((i, j)) = open.pop() {
                 if let Some(p) = self.corners.remove(&(i, j)) {
-                    piece.insert((i, j), p);
+                    component.insert((i, j), p);
                     open.extend(STEPS.map(|s| (i + s.x, j + s.y)));
                 }
             }
-            if piece.len() > best.len() {
-                best = piece;
+            if component.len() > best.len() {
+                best = component;
             }
         }
         self.corners = best;
         self
     }
 
-    /// The sector between +column and +row of this corner is bright.
+    /// Returns whether the sector between +column and +row of this corner is bright.
     pub const fn is_bright(&self, (i, j): (i32, i32)) -> bool {
-        self.bright_origin == ((i + j) % 2 == 0)
+        self.is_origin_bright == ((i + j) % 2 == 0)
     }
 }
 
-/// A corner may be off the line through its neighbours by this share of their distance;
-/// lenses and perspective bend lines less.
-const STRAIGHT: f64 = 0.25;
+/// Maximum deviation of a corner from the line through its neighbours, as a share of their
+/// distance; lenses and perspective bend lines less.
+const MAX_DEVIATION: f64 = 0.25;
 
-/// The grid that covers most of the picture, or an empty one: around a board there are finer
-/// grids, such as a keyboard, but few larger ones.
+/// Returns the grid with the largest area, or an empty one: the surroundings of a board may contain
+/// finer grids, e.g. a keyboard, but seldom larger ones.
 pub(super) fn largest(saddles: &[Saddle], links: &Links) -> Grid {
     let mut used = vec![false; saddles.len()];
     let mut best = Grid::default();
     for seed in 0..saddles.len() {
-        // Saddles come strongest first; a corner of a grid has two links at least.
+        // Saddles are sorted, strongest first; a corner of a grid has at least two links.
         let degree = links[seed].iter().flatten().count();
         if used[seed] || degree < 2 {
             continue;
@@ -129,31 +130,31 @@ pub(super) fn largest(saddles: &[Saddle], links: &Links) -> Grid {
     best
 }
 
-/// Walks all links from a seed. A saddle that two ways lead to at different places, and a
-/// place that two saddles claim, are left out.
+/// Follows all links from a seed. Excludes saddles that two paths assign to different grid
+/// positions, and positions that two saddles claim.
 fn grow(saddles: &[Saddle], links: &Links, seed: usize, used: &mut [bool]) -> Grid {
-    // Of each saddle: its place, and which of its edges is +column. Edges are in the order
-    // of rising angles, so +row is the next one.
-    let mut place: BTreeMap<usize, (IVec2, usize)> = BTreeMap::new();
-    let mut doubtful: BTreeSet<usize> = BTreeSet::new();
+    // For each saddle its grid position and the index of its edge towards +column. Edges are in
+    // ascending order of angle, so +row is the next edge.
+    let mut positions: BTreeMap<usize, (IVec2, usize)> = BTreeMap::new();
+    let mut ambiguous: BTreeSet<usize> = BTreeSet::new();
     let mut queue = VecDeque::from([seed]);
-    place.insert(seed, (IVec2::ZERO, 0));
+    positions.insert(seed, (IVec2::ZERO, 0));
     while let Some(i) = queue.pop_front() {
         used[i] = true;
-        let (at, first) = place[&i];
+        let (at, first) = positions[&i];
         for step in 0..4 {
             let Some((j, back)) = links[i][(first + step) % 4] else {
                 continue;
             };
-            // The edge that leads back is the opposite of this step.
+            // The edge that leads back is opposite to this step.
             let next = (at + STEPS[step], (back + 4 - (step + 2) % 4) % 4);
-            match place.get(&j) {
+            match positions.get(&j) {
                 None => {
-                    place.insert(j, next);
+                    positions.insert(j, next);
                     queue.push_back(j);
                 }
                 Some(known) if *known != next => {
-                    doubtful.insert(j);
+                    ambiguous.insert(j);
                 }
                 Some(_) => {}
             }
@@ -161,10 +162,10 @@ fn grow(saddles: &[Saddle], links: &Links, seed: usize, used: &mut [bool]) -> Gr
     }
     let mut grid = Grid {
         corners: BTreeMap::new(),
-        bright_origin: saddles[seed].bright_first,
+        is_origin_bright: saddles[seed].is_first_bright,
     };
     let mut claimed_twice = BTreeSet::new();
-    for (i, (at, _)) in place.iter().filter(|(i, _)| !doubtful.contains(i)) {
+    for (i, (at, _)) in positions.iter().filter(|(i, _)| !ambiguous.contains(i)) {
         if grid.corners.insert((at.x, at.y), saddles[*i].at).is_some() {
             claimed_twice.insert((at.x, at.y));
         }

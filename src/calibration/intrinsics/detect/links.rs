@@ -1,19 +1,20 @@
-//! Which saddle is the neighbour of which: along each of its four edges, the nearest saddle
-//! to which the edge leads, dark on one side and bright on the other all the way.
+//! Links neighbouring saddles: a saddle's neighbour along each of its four edges is the nearest
+//! saddle on that edge, if the edge is dark on one side and bright on the other over its entire
+//! length.
 
 use super::Grey;
-use super::saddles::{Saddle, turn};
+use super::saddles::{Saddle, wrapped};
 use glam::DVec2;
 
 /// For each saddle its neighbour along each of its edges: (saddle, its edge that leads back).
 pub(super) type Links = Vec<[Option<(usize, usize)>; 4]>;
 
-/// Maximum angle between a neighbour's direction and the edge's direction at the saddle.
-const CONE: f64 = 0.35;
+/// Maximum angle between a neighbour's direction and the edge's direction at the saddle, radians.
+const MAX_ANGLE: f64 = 0.35;
 /// Maximum edge of a square, as a share of the picture's longer side.
-const LARGEST_SQUARE: f64 = 0.35;
+const MAX_SQUARE: f64 = 0.35;
 /// Maximum number of candidates along an edge, nearest first.
-const MOST_TRIED: usize = 4;
+const MAX_TRIED: usize = 4;
 
 /// Returns all links that are mutual.
 pub(super) fn find(picture: &Grey, saddles: &[Saddle]) -> Links {
@@ -21,12 +22,12 @@ pub(super) fn find(picture: &Grey, saddles: &[Saddle]) -> Links {
     let one_way: Links = (0..saddles.len())
         .map(|i| std::array::from_fn(|edge| neighbour(picture, saddles, &index, i, edge)))
         .collect();
-    let agreed = |i: usize, edge: usize| {
+    let mutual = |i: usize, edge: usize| {
         let (j, back) = one_way[i][edge]?;
         (one_way[j][back] == Some((i, edge))).then_some((j, back))
     };
     (0..saddles.len())
-        .map(|i| std::array::from_fn(|edge| agreed(i, edge)))
+        .map(|i| std::array::from_fn(|edge| mutual(i, edge)))
         .collect()
 }
 
@@ -39,28 +40,28 @@ fn neighbour(
 ) -> Option<(usize, usize)> {
     let from = &saddles[i];
     let direction = from.edges[edge];
-    let largest = LARGEST_SQUARE * picture.width.max(picture.height) as f64;
+    let largest = MAX_SQUARE * picture.width.max(picture.height) as f64;
     let mut candidates: Vec<(f64, usize, usize)> = Vec::new();
-    // Rings of growing size, so that the search is fast for small squares.
+    // Increasing radii, so that the search is fast for small squares.
     for reach in [largest / 8.0, largest / 2.5, largest] {
         candidates.clear();
         index.within(from.at, reach, |j| {
             let offset = saddles[j].at - from.at;
             let distance = offset.length();
-            let aside = turn(offset.to_angle() - direction).abs();
+            let aside = wrapped(offset.to_angle() - direction).abs();
             if j != i
                 && distance > 3.0
                 && distance <= reach
-                && aside < CONE
+                && aside < MAX_ANGLE
                 && let Some(back) = edge_towards(&saddles[j], -offset)
             {
                 candidates.push((distance, j, back));
             }
         });
         candidates.sort_by(|a, b| a.0.total_cmp(&b.0));
-        let found = candidates.iter().take(MOST_TRIED).find(|&&(_, j, _)| {
+        let found = candidates.iter().take(MAX_TRIED).find(|&&(_, j, _)| {
             let bright_left = is_bright_after(from, edge);
-            edge_between(picture, from.at, saddles[j].at, bright_left)
+            is_edge_between(picture, from.at, saddles[j].at, bright_left)
         });
         if let Some(&(_, j, back)) = found {
             return (is_bright_after(&saddles[j], back) != is_bright_after(from, edge))
@@ -70,21 +71,22 @@ fn neighbour(
     None
 }
 
-/// The edge of a saddle that leads in a direction.
+/// Returns the edge of a saddle that leads in the direction of `offset`.
 pub(super) fn edge_towards(saddle: &Saddle, offset: DVec2) -> Option<usize> {
     let angle = offset.to_angle();
-    (0..4).find(|&e| turn(saddle.edges[e] - angle).abs() < CONE)
+    (0..4).find(|&e| wrapped(saddle.edges[e] - angle).abs() < MAX_ANGLE)
 }
 
-/// The sector that follows an edge in the sense of rising angles is bright.
+/// Returns whether the sector after an edge, in the sense of ascending angles, is bright.
 fn is_bright_after(saddle: &Saddle, edge: usize) -> bool {
-    saddle.bright_first == edge.is_multiple_of(2)
+    saddle.is_first_bright == edge.is_multiple_of(2)
 }
 
-/// Between two points one side is brighter than the other, at each of several places.
-fn edge_between(picture: &Grey, a: DVec2, b: DVec2, bright_left: bool) -> bool {
+/// Returns whether one side of the line between two points is brighter at each of several
+/// positions.
+fn is_edge_between(picture: &Grey, a: DVec2, b: DVec2, bright_left: bool) -> bool {
     let along = b - a;
-    // Rising angles turn from +X to +Y; `perp` does too.
+    // Ascending angles rotate from +X to +Y, as `perp` does.
     let aside = along.perp() * 0.2;
     let aside = aside.clamp_length(1.0, 12.0);
     let sign = if bright_left { 1.0 } else { -1.0 };
@@ -94,7 +96,7 @@ fn edge_between(picture: &Grey, a: DVec2, b: DVec2, bright_left: bool) -> bool {
     })
 }
 
-/// Saddles by the square of the picture in which they lie.
+/// Saddles by picture cell of 32×32 pixels.
 struct Buckets {
     size: f64,
     columns: usize,
@@ -121,7 +123,7 @@ impl Buckets {
     }
 
     fn within(&self, at: DVec2, reach: f64, mut visit: impl FnMut(usize)) {
-        let cell = |v: f64, most: usize| ((v / self.size).max(0.0) as usize).min(most - 1);
+        let cell = |v: f64, count: usize| ((v / self.size).max(0.0) as usize).min(count - 1);
         for y in cell(at.y - reach, self.rows)..=cell(at.y + reach, self.rows) {
             for x in cell(at.x - reach, self.columns)..=cell(at.x + reach, self.columns) {
                 self.members[y * self.columns + x]

@@ -1,45 +1,47 @@
 //! Finds the inner corners of a completely or partly visible chessboard in a grey picture, through
 //! any lens.
 //!
-//! Finds saddles of brightness (`saddles`), links those that an edge joins (`links`), orders them
-//! in rows and columns (`grid`), adds missed corners (`complete`), refines all to a fraction of a
-//! pixel (`refine`) and assigns them to the board's corners (`place`).
+//! Finds saddle points of brightness (`saddles`), links those joined by an edge (`links`), orders
+//! them in rows and columns (`grid`), adds missed corners (`complete`), refines all to subpixel
+//! accuracy (`refine`) and assigns them to the board's corners (`assignment`). `symmetry` refines
+//! the corners of tag boards.
 
+mod assignment;
 mod complete;
 mod grey;
 mod grid;
 mod links;
-mod place;
 mod refine;
 mod saddles;
 mod symmetry;
 
+pub use assignment::{ChessboardDetection, Placement};
 pub use grey::Grey;
-pub use place::{ChessSighting, Placement};
 
 use glam::DVec2;
 use grid::Grid;
 
 /// Minimum number of corners of a grid.
-const LEAST_CORNERS: usize = 9;
-/// Blur before corners are refined, pixels: sharper pictures pull them towards pixels' middles.
+const MIN_CORNERS: usize = 9;
+/// Standard deviation of the blur before corners are refined, pixels: in sharper pictures corners
+/// are biased towards pixel centres.
 pub(super) const SMOOTHING: f32 = 1.2;
 /// Maximum asymmetry of a corner's surroundings.
-const MOST_UNEVEN: f64 = 0.1;
-/// Pictures longer than this are looked at from half the size on: what is smaller than a
-/// square of five pixels there is nothing to calibrate with.
-const FULL_SIZE: usize = 1400;
+const MAX_ASYMMETRY: f64 = 0.1;
+/// Maximum width and height at which corners are searched, pixels; larger pictures are halved.
+/// Squares below five pixels at that size are too small for calibration.
+const MAX_SEARCH_SIZE: usize = 1400;
 
-/// Why no chessboard was found in a picture.
+/// Reasons why no chessboard was found in a picture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum NoChessboard {
-    /// No rows and columns of corners.
+    /// The picture has no rows and columns of corners.
     #[error("no chessboard in the picture")]
     NotSeen,
     /// The chessboard has more corners than the given board.
     #[error(
-        "a chessboard with at least {columns}×{rows} inner corners: more than the board given; \
-         count the inner corners (one less than squares) and say so"
+        "the chessboard has at least {columns}×{rows} inner corners, more than the given board; \
+         count the inner corners (one less than squares) and correct the board"
     )]
     Larger {
         /// Corners in a row.
@@ -49,18 +51,18 @@ pub enum NoChessboard {
     },
 }
 
-/// The corner near a foretold pixel, to a fraction of a pixel, through a window of that radius,
-/// which the next corner's edges should not enter; `None` if edges do not cross there, or if what
-/// lies on one side of them does not go on opposite: something is before the board, or other edges
-/// are so near that they would pull the corner. For boards whose corners are known from markers
-/// ([`super::tags`]).
+/// Refines the corner near a `predicted` pixel to subpixel accuracy, for boards whose corners are
+/// predicted from markers ([`super::tags`]). The `window` (radius, pixels) should not reach the
+/// edges of the next corner. `None` if no edges cross there, or if the surroundings are not
+/// point-symmetric: the board is occluded, or other edges are so near that they would bias the
+/// corner.
 #[must_use]
-pub fn refine_corner(picture: &Grey, foretold: DVec2, window: f64) -> Option<DVec2> {
-    let crossing = refine::refine(picture, foretold, window);
-    let starts = crossing.into_iter().chain([foretold]);
+pub fn refine_corner(picture: &Grey, predicted: DVec2, window: f64) -> Option<DVec2> {
+    let edge_crossing = refine::refine(picture, predicted, window);
+    let starts = edge_crossing.into_iter().chain([predicted]);
     let found = starts.filter_map(|start| symmetry::centre(picture, start, window));
-    let best = found.min_by(|a, b| a.unevenness.total_cmp(&b.unevenness))?;
-    (best.unevenness < MOST_UNEVEN).then_some(best.at)
+    let best = found.min_by(|a, b| a.asymmetry.total_cmp(&b.asymmetry))?;
+    (best.asymmetry < MAX_ASYMMETRY).then_some(best.at)
 }
 
 /// Finds the visible corners of a board of `columns` × `rows` inner corners.
@@ -71,40 +73,40 @@ pub fn find_chessboard(
     picture: &Grey,
     columns: u32,
     rows: u32,
-) -> Result<ChessSighting, NoChessboard> {
+) -> Result<ChessboardDetection, NoChessboard> {
     let mut best = Grid::default();
     let mut level = picture.clone();
     let mut scale = 1.0;
-    while level.width.max(level.height) > FULL_SIZE {
+    while level.width.max(level.height) > MAX_SEARCH_SIZE {
         level = level.halved();
         scale *= 2.0;
     }
-    let whole = (columns * rows) as usize;
+    let corner_count = (columns * rows) as usize;
     for _ in 0..3 {
-        let grid = find_at_one_size(&level, whole);
+        let grid = find_in_level(&level, corner_count);
         // A coarser level must show more of the board, because it is less accurate.
         if grid.area() * scale * scale > 1.1 * best.area() {
             best = grid;
             best.corners.values_mut().for_each(|p| *p *= scale);
         }
-        if best.corners.len() >= whole || level.width.min(level.height) < 160 {
+        if best.corners.len() >= corner_count || level.width.min(level.height) < 160 {
             break;
         }
         level = level.halved();
         scale *= 2.0;
     }
     complete::refine_all(&picture.blurred(SMOOTHING), &mut best);
-    if best.corners.len() < LEAST_CORNERS {
+    if best.corners.len() < MIN_CORNERS {
         return Err(NoChessboard::NotSeen);
     }
-    place::place(best, columns, rows)
+    assignment::assign(best, columns, rows)
 }
 
-fn find_at_one_size(picture: &Grey, whole: usize) -> Grid {
+fn find_in_level(picture: &Grey, corner_count: usize) -> Grid {
     let saddles = saddles::find(picture);
     let links = links::find(picture, &saddles);
     let mut grid = grid::largest(&saddles, &links);
-    if grid.corners.len() < whole && grid.corners.len() >= LEAST_CORNERS {
+    if grid.corners.len() < corner_count && grid.corners.len() >= MIN_CORNERS {
         complete::fill(picture, &mut grid);
     }
     grid

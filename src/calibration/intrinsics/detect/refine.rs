@@ -1,20 +1,20 @@
-//! Refines a corner to a hundredth of a pixel.
+//! Refines a corner to subpixel accuracy.
 
 use super::Grey;
 use glam::{DMat2, DVec2};
 
-/// Smallest and largest radius of the window, pixels.
+/// Minimum and maximum radius of the window, pixels.
 pub(super) const WINDOW: (f64, f64) = (3.0, 14.0);
 
-// ┌ Every gradient g(p) near a corner q is across an edge through q: g · (p − q) = 0.   ┐
-// │ (Σ w g gᵀ) q = Σ w g gᵀ p,  w = (1 − |p − q|² / R²)²                                │
-// └ (Förstner & Gülch 1987; OpenCV's cornerSubPix)                                      ┘
+// ┌ Every gradient g(p) near a corner q is normal to an edge through q: g · (p − q) = 0. ┐
+// │ (Σ w g gᵀ) q = Σ w g gᵀ p,  w = (1 − |p − q|² / R²)²                                 │
+// └ (Förstner & Gülch 1987; OpenCV's cornerSubPix)                                       ┘
 //
-/// The crossing of the edges near `start`, seen through a window of `radius` pixels, which
-/// should not reach the next corner's edges. `None` if there is none.
+/// Returns the crossing of the edges near `start` within a window of `radius` pixels, which should
+/// not reach the next corner's edges. `None` if no edges cross there.
 ///
-/// Gradients are taken at pixels and only the weights move with q: gradients between pixels
-/// would be interpolated, and pull corners towards pixels' middles.
+/// Gradients are evaluated at pixels and only the weights move with q: interpolated gradients would
+/// bias corners towards pixel centres.
 pub(super) fn refine(picture: &Grey, start: DVec2, radius: f64) -> Option<DVec2> {
     let radius = radius.clamp(WINDOW.0, WINDOW.1);
     let mut at = start;

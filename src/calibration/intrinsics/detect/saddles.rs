@@ -10,27 +10,27 @@ use std::f64::consts::{PI, TAU};
 pub(super) struct Saddle {
     /// Pixel.
     pub at: DVec2,
-    /// Directions of the four edges, radians, rising (+X right, +Y down), within one turn
-    /// from the first.
+    /// Directions of the four edges, radians, ascending (from +X right to +Y down), within one
+    /// revolution from the first.
     pub edges: [f64; 4],
     /// The sector between the first and the second edge is bright.
-    pub bright_first: bool,
-    /// Mean difference of the sectors, codes.
+    pub is_first_bright: bool,
+    /// Mean difference between bright and dark sectors, codes.
     pub contrast: f64,
 }
 
-/// Scale of the saddles, pixels.
+/// Scale at which saddles are searched, pixels.
 const SIGMA: f32 = 1.5;
 /// Maximum number of candidates; the strongest are kept.
-const MOST_CANDIDATES: usize = 6000;
+const MAX_CANDIDATES: usize = 6000;
 /// Samples per ring.
 const SAMPLES: usize = 36;
 /// Minimum difference between bright and dark, codes.
-const LEAST_CONTRAST: f64 = 5.0;
-/// The two halves of one edge are straight to this angle.
-const STRAIGHT: f64 = 0.45;
-/// Two edges that cross at less than this cannot be told from one line.
-const LEAST_ANGLE: f64 = 0.3;
+const MIN_CONTRAST: f64 = 5.0;
+/// Maximum angle between the two halves of one edge, radians.
+const MAX_BEND: f64 = 0.45;
+/// Minimum angle between crossing edges, radians; below it they look like one line.
+const MIN_ANGLE: f64 = 0.3;
 
 /// Returns all crossings, strongest first.
 pub(super) fn find(picture: &Grey) -> Vec<Saddle> {
@@ -40,7 +40,7 @@ pub(super) fn find(picture: &Grey) -> Vec<Saddle> {
     let smooth = picture.blurred(SIGMA);
     let mut candidates = maxima(&smooth);
     candidates.sort_by(|a, b| b.1.total_cmp(&a.1));
-    candidates.truncate(MOST_CANDIDATES);
+    candidates.truncate(MAX_CANDIDATES);
     let light = picture.blurred(0.7);
     let mut saddles: Vec<Saddle> = candidates
         .iter()
@@ -50,7 +50,7 @@ pub(super) fn find(picture: &Grey) -> Vec<Saddle> {
     saddles
 }
 
-/// Local maxima of −det of the Hessian, refined to the saddle of the local quadric.
+/// Returns the local maxima of −det of the Hessian, refined to the saddle of the local quadric.
 fn maxima(smooth: &Grey) -> Vec<(DVec2, f32)> {
     let (w, h) = (smooth.width, smooth.height);
     let mut strength = vec![0.0_f32; w * h];
@@ -79,7 +79,7 @@ fn is_peak(strength: &[f32], w: usize, x: usize, y: usize, s: f32) -> bool {
     (y - 2..=y + 2).all(|j| {
         (x - 2..=x + 2).all(|i| {
             let other = strength[j * w + i];
-            // Of two equal ones the first in order is the peak.
+            // Of two equal values the first in scan order is the peak.
             other < s || (other == s && (j, i) >= (y, x))
         })
     })
@@ -93,7 +93,7 @@ fn hessian(g: &Grey, x: usize, y: usize) -> [f32; 3] {
     [xx, yy, xy]
 }
 
-/// Returns the stationary point of the local quadric, if it is near.
+/// Returns the offset of the local quadric's stationary point, if it is below 1.5 pixels.
 fn quadric_saddle(g: &Grey, x: usize, y: usize) -> Option<DVec2> {
     let at = |i: usize, j: usize| f64::from(g.data[j * g.width + i]);
     let [xx, yy, xy] = hessian(g, x, y).map(f64::from);
@@ -104,8 +104,8 @@ fn quadric_saddle(g: &Grey, x: usize, y: usize) -> Option<DVec2> {
     (offset.length() < 1.5).then_some(offset)
 }
 
-/// Looks round a candidate on rings of several sizes: blurred corners and corners of large
-/// squares show on the larger, small squares on the smaller ones.
+/// Examines a candidate on rings of several radii: large rings suit blurred corners and large
+/// squares, small rings small squares.
 pub(super) fn examine(picture: &Grey, at: DVec2) -> Option<Saddle> {
     [5.0, 3.5, 2.5, 7.0]
         .into_iter()
@@ -122,7 +122,7 @@ fn ring(picture: &Grey, at: DVec2, radius: f64) -> Option<Saddle> {
     let (low, high) = values
         .iter()
         .fold((f64::MAX, f64::MIN), |(l, h), &v| (l.min(v), h.max(v)));
-    // Halfway between the extremes, not the mean: sectors are seldom equally wide.
+    // The middle of the extremes, not the mean, because sectors are seldom equally wide.
     let middle = 0.5 * (low + high);
     let mut edges = [0.0; 4];
     let mut rising = [false; 4];
@@ -145,13 +145,13 @@ fn ring(picture: &Grey, at: DVec2, radius: f64) -> Option<Saddle> {
     let saddle = Saddle {
         at,
         edges,
-        bright_first: rising[0],
+        is_first_bright: rising[0],
         contrast,
     };
-    (contrast > LEAST_CONTRAST.max(0.35 * (high - low)) && is_cross(&edges)).then_some(saddle)
+    (contrast > MIN_CONTRAST.max(0.35 * (high - low)) && is_cross(&edges)).then_some(saddle)
 }
 
-/// Difference of the mean of what is above and of what is below the middle.
+/// Returns the difference between the means of the values above and below the middle.
 fn sector_contrast(values: &[f64], middle: f64) -> f64 {
     let mean = |keep: &dyn Fn(f64) -> bool| {
         let kept: Vec<f64> = values.iter().copied().filter(|&v| keep(v)).collect();
@@ -160,18 +160,22 @@ fn sector_contrast(values: &[f64], middle: f64) -> f64 {
     mean(&|v| v >= middle) - mean(&|v| v < middle)
 }
 
-/// Opposite edges continue each other, and neighbours are not the same line.
+/// Returns whether opposite edges form straight lines and neighbouring edges are distinct.
 fn is_cross(edges: &[f64; 4]) -> bool {
-    let straight = |a: f64, b: f64| (turn(b - a).abs() - PI).abs() < STRAIGHT;
+    let straight = |a: f64, b: f64| (wrapped(b - a).abs() - PI).abs() < MAX_BEND;
     let apart = (0..4).all(|i| {
-        let gap = turn(edges[(i + 1) % 4] - edges[i]).abs();
-        gap > LEAST_ANGLE
+        let gap = wrapped(edges[(i + 1) % 4] - edges[i]).abs();
+        gap > MIN_ANGLE
     });
     apart && straight(edges[0], edges[2]) && straight(edges[1], edges[3])
 }
 
 /// Returns an angle wrapped to −π to π.
-pub(super) fn turn(angle: f64) -> f64 {
-    let wrapped = angle.rem_euclid(TAU);
-    if wrapped > PI { wrapped - TAU } else { wrapped }
+pub(super) fn wrapped(angle: f64) -> f64 {
+    let positive = angle.rem_euclid(TAU);
+    if positive > PI {
+        positive - TAU
+    } else {
+        positive
+    }
 }

@@ -1,25 +1,27 @@
-//! Refines a corner of a board of tags: its surroundings are point-symmetric about it.
+//! Refines a corner of a tag board, about which its surroundings are point-symmetric.
 
 use super::Grey;
 use super::refine::WINDOW;
 use glam::{DMat2, DVec2};
 
 /// Half the baseline of a gradient, pixels.
-const BESIDE: f64 = 0.5;
-/// Steps at most, and the step that is none, pixels.
-const STEPS: (usize, f64) = (20, 1e-3);
+const GRADIENT_STEP: f64 = 0.5;
+/// Maximum number of iterations.
+const MAX_ITERATIONS: usize = 20;
+/// Step at which the iteration has converged, pixels.
+const MIN_STEP: f64 = 1e-3;
 
 /// Centre of symmetry of brightness, and the remaining asymmetry.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Centre {
     /// Pixel.
     pub at: DVec2,
-    /// How much what lies round it differs from what lies opposite, by variance: 0 where edges
-    /// cross and nothing else is near, 1 where one side says nothing of the other.
-    pub unevenness: f64,
+    /// Squared difference of opposite points as a share of the variance: 0 for an isolated crossing
+    /// of edges, 1 where opposite sides are uncorrelated.
+    pub asymmetry: f64,
 }
 
-/// Sums over the pairs of opposite places in a window.
+/// Sums over the pairs of opposite points in a window.
 #[derive(Default)]
 struct Sums {
     normal: DMat2,
@@ -30,33 +32,33 @@ struct Sums {
     squares: f64,
 }
 
-/// The place c near `start` that makes Σ w (I(c + d) − I(c − d))² least over a window of `radius`
-/// pixels (Gauss–Newton). A crossing of edges alone is such a place, and so is one with the borders
-/// of markers on both sides, which Förstner's operator takes for edges of the crossing where squares
-/// are small. Affine maps keep it. `None` if nothing fixes it or it lies beyond the window.
+/// Returns the point c near `start` that minimises Σ w (I(c + d) − I(c − d))² over a window of
+/// `radius` pixels (Gauss–Newton). A crossing of edges is such a point, also with marker borders on
+/// both sides, which Förstner's operator mistakes for edges of the crossing where squares are
+/// small. Affine maps preserve it. `None` if it is undetermined or outside the window.
 pub(super) fn centre(picture: &Grey, start: DVec2, radius: f64) -> Option<Centre> {
     let radius = radius.clamp(WINDOW.0, WINDOW.1);
     let mut at = start;
-    for _ in 0..STEPS.0 {
+    for _ in 0..MAX_ITERATIONS {
         if !picture.contains(at, radius.min(4.0)) || at.distance(start) > radius {
             return None;
         }
         let sums = sums(picture, at, radius);
         let trace = sums.normal.x_axis.x + sums.normal.y_axis.y;
-        // One edge alone fixes nothing along itself.
+        // A single edge does not determine the position along itself.
         if sums.normal.determinant() <= 1e-3 * trace * trace {
             return None;
         }
         let step = sums.normal.inverse() * -sums.right;
         at += step.clamp_length_max(0.3 * radius);
-        if step.length() < STEPS.1 {
+        if step.length() < MIN_STEP {
             break;
         }
     }
     let sums = sums(picture, at, radius);
     let variance = sums.squares - sums.sum * sums.sum / sums.weights.max(1e-12);
-    let unevenness = sums.odd / variance.max(1e-12);
-    Some(Centre { at, unevenness })
+    let asymmetry = sums.odd / variance.max(1e-12);
+    Some(Centre { at, asymmetry })
 }
 
 fn sums(picture: &Grey, at: DVec2, radius: f64) -> Sums {
@@ -92,18 +94,21 @@ fn add(sums: &mut Sums, picture: &Grey, (one, other): (DVec2, DVec2), weight: f6
 }
 
 fn gradient(picture: &Grey, p: DVec2) -> DVec2 {
-    let along = |by: DVec2| (picture.sample(p + by) - picture.sample(p - by)) / (2.0 * BESIDE);
-    DVec2::new(along(DVec2::X * BESIDE), along(DVec2::Y * BESIDE))
+    let along =
+        |by: DVec2| (picture.sample(p + by) - picture.sample(p - by)) / (2.0 * GRADIENT_STEP);
+    DVec2::new(
+        along(DVec2::X * GRADIENT_STEP),
+        along(DVec2::Y * GRADIENT_STEP),
+    )
 }
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
 
-    /// Two edges that cross at `at`, with dark strips on both sides as of markers, or a lid over
-    /// what is right of `lid`.
-    fn drawn(at: DVec2, strips: bool, lid: f64) -> Grey {
+    /// Renders two edges that cross at `at`, with dark squares like markers on both sides if
+    /// `markers`, occluded to the right of `occluder`.
+    fn rendered(at: DVec2, markers: bool, occluder: f64) -> Grey {
         let soft = |v: f64| (v + 0.5).clamp(0.0, 1.0);
         let mut picture = Grey::from_bytes(40, 40, &[]);
         for y in 0..40 {
@@ -112,13 +117,13 @@ mod tests {
                 let (u, v) = (d.x + 0.2 * d.y, d.y - 0.1 * d.x);
                 let white = soft(u) * soft(v) + soft(-u) * soft(-v);
                 let marker = |u: f64, v: f64| soft(u - 3.0) * soft(v - 3.0);
-                let marked = if strips {
+                let marked = if markers {
                     marker(u, v) + marker(-u, -v)
                 } else {
                     0.0
                 };
                 let value = 30.0 + 180.0 * (white - marked).clamp(0.0, 1.0);
-                let value = if x as f64 > lid { 120.0 } else { value };
+                let value = if x as f64 > occluder { 120.0 } else { value };
                 picture.data[y * 40 + x] = value as f32;
             }
         }
@@ -126,15 +131,15 @@ mod tests {
     }
 
     #[test]
-    fn markers_on_both_sides_pull_a_corner_nowhere_and_a_lid_is_told() {
-        for strips in [false, true] {
+    fn markers_do_not_bias_corner_and_occlusion_is_detected() {
+        for markers in [false, true] {
             let at = DVec2::new(19.3, 20.6);
-            let picture = drawn(at, strips, 100.0);
+            let picture = rendered(at, markers, 100.0);
             let found = centre(&picture, at + DVec2::new(0.9, -0.6), 5.0).unwrap();
             assert!(found.at.distance(at) < 0.04, "{found:?}");
-            assert!(found.unevenness < 0.01, "{found:?}");
-            let lidded = centre(&drawn(at, strips, 21.0), at, 5.0);
-            assert!(lidded.is_none_or(|c| c.unevenness > 0.1), "{lidded:?}");
+            assert!(found.asymmetry < 0.01, "{found:?}");
+            let occluded = centre(&rendered(at, markers, 21.0), at, 5.0);
+            assert!(occluded.is_none_or(|c| c.asymmetry > 0.1), "{occluded:?}");
         }
     }
 }

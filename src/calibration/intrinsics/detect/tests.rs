@@ -1,7 +1,6 @@
-#![allow(clippy::unwrap_used, clippy::panic)]
 use super::*;
 use crate::intrinsics::Board;
-use crate::intrinsics::drawn::{BoardRenderer, pose};
+use crate::intrinsics::synthetic::{BoardRenderer, pose};
 use glam::{DVec2, DVec3};
 use penumbra_camera::{Lens, LensModel};
 use penumbra_picture::Picture;
@@ -35,20 +34,20 @@ fn fisheye() -> Lens {
     lens
 }
 
-/// Worst and root-mean-square error of the corners found, pixels.
+/// Returns the maximum and root-mean-square error of the corners found, pixels.
 fn errors(
     lens: &Lens,
-    found: &ChessSighting,
+    found: &ChessboardDetection,
     pose: penumbra_interface::RigidTransform,
 ) -> (f64, f64) {
     let all: Vec<f64> = found
         .correspondences(0.025)
         .iter()
         .map(|c| {
-            let truth = lens
+            let expected = lens
                 .project(pose.transform_point(c.point.extend(0.0)))
                 .unwrap();
-            truth.distance(c.pixel)
+            expected.distance(c.pixel)
         })
         .collect();
     let rms = (all.iter().map(|e| e * e).sum::<f64>() / all.len() as f64).sqrt();
@@ -58,8 +57,8 @@ fn errors(
 #[test]
 fn complete_board_is_accurate_to_hundredths_of_a_pixel() {
     let lens = camera();
-    let draughtsman = BoardRenderer::new(&lens);
-    for (centre, tilt, turn, blur, noise, most) in [
+    let renderer = BoardRenderer::new(&lens);
+    for (centre, tilt, roll, blur, noise, max_rms) in [
         (DVec3::new(0.0, 0.0, 0.4), DVec2::ZERO, 0.0, 0.5, 0.0, 0.03),
         (
             DVec3::new(0.02, 0.01, 0.45),
@@ -102,15 +101,15 @@ fn complete_board_is_accurate_to_hundredths_of_a_pixel() {
             0.06,
         ),
     ] {
-        let pose = pose(&BOARD, centre, tilt, turn);
-        let picture = draughtsman.draw(&BOARD, pose, blur, noise);
+        let pose = pose(&BOARD, centre, tilt, roll);
+        let picture = renderer.render(&BOARD, pose, blur, noise);
         let found = find_chessboard(&picture, 9, 6).unwrap();
         assert_eq!(found.placement, Placement::Known);
         assert_eq!(found.corners.len(), 54);
         let (worst, rms) = errors(&lens, &found, pose);
         assert!(
-            rms < most && worst < 4.0 * most,
-            "{centre} {turn}: {rms} {worst}"
+            rms < max_rms && worst < 4.0 * max_rms,
+            "{centre} {roll}: {rms} {worst}"
         );
     }
 }
@@ -118,14 +117,14 @@ fn complete_board_is_accurate_to_hundredths_of_a_pixel() {
 #[test]
 fn finds_board_through_fisheye_beyond_ninety_degrees() {
     let lens = fisheye();
-    let draughtsman = BoardRenderer::new(&lens);
+    let renderer = BoardRenderer::new(&lens);
     for (centre, tilt) in [
         (DVec3::new(0.0, 0.0, 0.12), DVec2::ZERO),
         (DVec3::new(0.15, 0.0, 0.1), DVec2::new(0.0, 1.1)),
         (DVec3::new(-0.05, -0.14, 0.02), DVec2::new(1.3, 0.0)),
     ] {
         let pose = pose(&BOARD, centre, tilt, 0.0);
-        let picture = draughtsman.draw(&BOARD, pose, 0.5, 1.0);
+        let picture = renderer.render(&BOARD, pose, 0.5, 1.0);
         let found = find_chessboard(&picture, 9, 6).unwrap();
         assert_eq!(found.corners.len(), 54, "{centre}");
         let (worst, rms) = errors(&lens, &found, pose);
@@ -136,26 +135,26 @@ fn finds_board_through_fisheye_beyond_ninety_degrees() {
 #[test]
 fn partly_visible_board_is_reported_as_part() {
     let lens = camera();
-    let draughtsman = BoardRenderer::new(&lens);
+    let renderer = BoardRenderer::new(&lens);
     let pose = pose(
         &BOARD,
         DVec3::new(0.13, 0.08, 0.3),
         DVec2::new(0.1, 0.3),
         0.2,
     );
-    let picture = draughtsman.draw(&BOARD, pose, 0.5, 1.0);
+    let picture = renderer.render(&BOARD, pose, 0.5, 1.0);
     let found = find_chessboard(&picture, 9, 6).unwrap();
     assert_eq!(found.placement, Placement::Unknown);
-    let seen = found.corners.len();
-    assert!((12..54).contains(&seen), "{seen}");
-    // The corners are in order all the same: some shift of the board explains them.
+    let count = found.corners.len();
+    assert!((12..54).contains(&count), "{count}");
+    // The corners are in order nevertheless: some translation of the board explains them.
     let shifts = (0..9).flat_map(|i| (0..6).map(move |j| (i, j)));
     let best = shifts
         .map(|(i, j)| {
             let shift = DVec2::new(f64::from(i), f64::from(j)) * 0.025;
             let error = |c: &crate::intrinsics::Correspondence| {
-                let truth = pose.transform_point((c.point + shift).extend(0.0));
-                lens.project(truth).map_or(1e9, |p| p.distance(c.pixel))
+                let expected = pose.transform_point((c.point + shift).extend(0.0));
+                lens.project(expected).map_or(1e9, |p| p.distance(c.pixel))
             };
             found
                 .correspondences(0.025)
@@ -169,9 +168,9 @@ fn partly_visible_board_is_reported_as_part() {
 
 #[test]
 fn larger_board_is_reported_with_its_size() {
-    let draughtsman = BoardRenderer::new(&camera());
+    let renderer = BoardRenderer::new(&camera());
     let pose = pose(&BOARD, DVec3::new(0.0, 0.0, 0.4), DVec2::new(0.2, 0.1), 0.0);
-    let picture = draughtsman.draw(&BOARD, pose, 0.5, 1.0);
+    let picture = renderer.render(&BOARD, pose, 0.5, 1.0);
     let larger = NoChessboard::Larger {
         columns: 9,
         rows: 6,
@@ -184,7 +183,7 @@ fn larger_board_is_reported_with_its_size() {
 }
 
 #[test]
-fn no_board_is_no_board() {
+fn pictures_without_board_give_no_chessboard() {
     let mut random = penumbra_numerics::Random::new(7);
     let mut noise = Grey::from_bytes(320, 240, &[]);
     noise
@@ -198,13 +197,13 @@ fn no_board_is_no_board() {
     }
 }
 
-/// The folder of real data, where it is.
+/// Returns the folder of the photographs; `None` if it is missing.
 fn photographs() -> Option<PathBuf> {
     penumbra_test_data::shared("data/calibration/opencv_stereo_chess")
 }
 
 #[test]
-fn every_photograph_of_opencvs_boards_shows_54_corners() {
+fn finds_54_corners_in_every_opencv_photograph() {
     let Some(folder) = photographs() else {
         return;
     };

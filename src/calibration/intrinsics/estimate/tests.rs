@@ -1,8 +1,7 @@
-#![allow(clippy::unwrap_used, clippy::panic)]
 use super::*;
 use crate::intrinsics::Grey;
 use crate::intrinsics::detect::find_chessboard;
-use crate::intrinsics::drawn::{BoardRenderer, pose};
+use crate::intrinsics::synthetic::{BoardRenderer, pose};
 use crate::intrinsics::{Board, Correspondence};
 use glam::DVec3;
 use penumbra_numerics::Random;
@@ -32,7 +31,7 @@ const BROWN: Options = Options {
 };
 
 // OpenCV 5.0 (findChessboardCorners, cornerSubPix, calibrateCamera with five coefficients) on
-// the same pictures, at the window that suits them best: left 0.1797 px with half width 8,
+// the same pictures with the best window size: left 0.1797 px with half width 8,
 // right 0.1958 px with 6. The published left_intrinsics.yml has 0.3926 px.
 const OPENCV_RMS: [(&str, f64); 2] = [("left", 0.1797), ("right", 0.1958)];
 
@@ -45,10 +44,10 @@ fn opencv_photographs_have_smaller_error_than_with_opencv() {
         let found = estimate((640, 480), &views, &BROWN).unwrap();
         assert!(found.rms < opencv_rms, "{side}: {} px", found.rms);
         let all = found.views.iter().flat_map(|v| &v.points);
-        let left_out = all.clone().filter(|p| !p.used).count();
+        let rejected = all.clone().filter(|p| !p.used).count();
         assert!(
-            left_out <= 3 && all.count() == 702,
-            "{side}: {left_out} corners left out"
+            rejected <= 3 && all.count() == 702,
+            "{side}: {rejected} corners rejected"
         );
     }
 }
@@ -64,13 +63,13 @@ fn recovers_lens_published_by_opencv() {
     };
     let found = estimate((640, 480), &views, &options).unwrap();
     let published = 535.915_733_961_632;
-    let off = found.lens.focal.x / published - 1.0;
-    assert!(off.abs() < 0.005, "{off}");
+    let deviation = found.lens.focal.x / published - 1.0;
+    assert!(deviation.abs() < 0.005, "{deviation}");
     assert!(found.lens.centre.distance(DVec2::new(342.283, 235.571)) < 3.0);
 }
 
 #[test]
-fn a_pinholes_pictures_fit_a_fisheyes_model_too() {
+fn fisheye_model_also_fits_pinhole_pictures() {
     let Some(views) = photographs("left") else {
         return;
     };
@@ -84,7 +83,7 @@ fn a_pinholes_pictures_fit_a_fisheyes_model_too() {
 
 /// Fifteen photographs of a board of 8×6 corners through a real fisheye. The published centre
 /// (of another model) is (543.99, 377.65); OpenCV 5.0 (`fisheye::calibrate`) finds
-/// f 337.0 and 336.7 and is left with 0.3851 px at the window that suits it best, 11.
+/// f 337.0 and 336.7 with 0.3851 px at its best window size, 11.
 #[test]
 fn recovers_published_real_fisheye() {
     let photographs = "data/probes-fisheye/fisheye/ocam_fisheye1";
@@ -107,22 +106,23 @@ fn recovers_published_real_fisheye() {
     };
     let found = estimate((1032, 778), &views, &options).unwrap();
     assert!(found.rms < 0.3851, "{}", found.rms);
-    let off = found.lens.focal / DVec2::new(337.01, 336.68) - 1.0;
-    assert!(off.abs().max_element() < 0.005, "{off}");
+    let deviation = found.lens.focal / DVec2::new(337.01, 336.68) - 1.0;
+    assert!(deviation.abs().max_element() < 0.005, "{deviation}");
     let from_published = found.lens.centre.distance(DVec2::new(543.986, 377.649));
     assert!(from_published < 1.0, "{:?}", found.lens.centre);
 }
 
-/// Poses that fill the picture and tilt to all sides.
-pub(crate) fn poses(count: usize, distance: f64, spread: f64, seed: u64) -> Vec<RigidTransform> {
-    poses_of(&BOARD, count, (distance, spread), seed)
+/// Returns poses tilted in all directions, at lateral offsets of at most `lateral` times their
+/// distance.
+pub(crate) fn poses(count: usize, distance: f64, lateral: f64, seed: u64) -> Vec<RigidTransform> {
+    poses_of(&BOARD, count, (distance, lateral), seed)
 }
 
-/// The same of any board.
+/// Like [`poses`], for any board.
 pub(crate) fn poses_of(
     board: &Board,
     count: usize,
-    (distance, spread): (f64, f64),
+    (distance, lateral): (f64, f64),
     seed: u64,
 ) -> Vec<RigidTransform> {
     let mut random = Random::new(seed);
@@ -130,8 +130,8 @@ pub(crate) fn poses_of(
         .map(|_| {
             let z = distance * random.between(0.8, 1.3);
             let centre = DVec3::new(
-                random.between(-spread, spread) * z,
-                random.between(-spread, spread) * 0.75 * z,
+                random.between(-lateral, lateral) * z,
+                random.between(-lateral, lateral) * 0.75 * z,
                 z,
             );
             let tilt = DVec2::new(random.between(-0.7, 0.7), random.between(-0.7, 0.7));
@@ -140,9 +140,9 @@ pub(crate) fn poses_of(
         .collect()
 }
 
-/// The board's points under a known lens with noise of `sigma` pixels; what leaves the
-/// picture is not seen.
-pub(crate) fn seen(
+/// Projects the board's points through a known lens with noise of `sigma` pixels; points outside
+/// the picture are omitted.
+pub(crate) fn simulated_views(
     lens: &Lens,
     poses: &[RigidTransform],
     sigma: f64,
@@ -191,34 +191,35 @@ pub(crate) fn fisheye() -> Lens {
 }
 
 #[test]
-fn lenses_of_every_model_are_recovered_within_their_stated_uncertainty() {
+fn recovers_lenses_of_both_models_within_their_uncertainty() {
     let mut random = Random::new(3);
-    for (truth, distance, spread) in [(pinhole(), 0.4, 0.35), (fisheye(), 0.12, 0.9)] {
+    for (ground_truth, distance, lateral) in [(pinhole(), 0.4, 0.35), (fisheye(), 0.12, 0.9)] {
         let options = Options {
-            model: truth.model,
+            model: ground_truth.model,
             square_pixels: false,
         };
         for seed in 0..6 {
-            let views = seen(
-                &truth,
-                &poses(20, distance, spread, seed),
+            let views = simulated_views(
+                &ground_truth,
+                &poses(20, distance, lateral, seed),
                 0.15,
                 &mut random,
             );
-            let found = estimate((truth.width, truth.height), &views, &options).unwrap();
+            let found =
+                estimate((ground_truth.width, ground_truth.height), &views, &options).unwrap();
             assert!(
                 (found.rms - 0.15 * 2_f64.sqrt()).abs() < 0.02,
                 "{}",
                 found.rms
             );
-            let relative = (found.lens.focal - truth.focal) / truth.focal;
+            let relative = (found.lens.focal - ground_truth.focal) / ground_truth.focal;
             assert!(relative.abs().max_element() < 0.003, "{relative}");
-            for i in 0..truth.parameter_count() {
-                let off = found.lens.parameters()[i] - truth.parameters()[i];
+            for i in 0..ground_truth.parameter_count() {
+                let deviation = found.lens.parameters()[i] - ground_truth.parameters()[i];
                 assert!(
-                    off.abs() < 4.5 * found.sigma[i],
-                    "{:?} {i}: {off} {}",
-                    truth.model,
+                    deviation.abs() < 4.5 * found.sigma[i],
+                    "{:?} {i}: {deviation} {}",
+                    ground_truth.model,
                     found.sigma[i]
                 );
             }
@@ -226,7 +227,8 @@ fn lenses_of_every_model_are_recovered_within_their_stated_uncertainty() {
     }
 }
 
-/// A board seen from one side only tells Zhang's form little; what that makes of it must not stay.
+/// Views from similar directions give Zhang's closed form a poor focal length, which must not
+/// persist.
 #[test]
 fn square_pixels_have_one_focal_length() {
     let mut random = Random::new(5);
@@ -234,27 +236,26 @@ fn square_pixels_have_one_focal_length() {
         model: LensModel::Brown,
         square_pixels: true,
     };
-    let truth = pinhole();
-    let truth = Lens {
-        focal: DVec2::splat(truth.focal.x),
-        ..truth
+    let ground_truth = pinhole();
+    let ground_truth = Lens {
+        focal: DVec2::splat(ground_truth.focal.x),
+        ..ground_truth
     };
     for seed in 0..4 {
-        let views = seen(&truth, &poses(12, 0.4, 0.12, seed), 0.3, &mut random);
-        let found = estimate((truth.width, truth.height), &views, &options).unwrap();
+        let views = simulated_views(&ground_truth, &poses(12, 0.4, 0.12, seed), 0.3, &mut random);
+        let found = estimate((ground_truth.width, ground_truth.height), &views, &options).unwrap();
         assert_eq!(found.lens.focal.x, found.lens.focal.y);
     }
 }
 
-/// From drawn pictures, through detection, to the lens.
 #[test]
 fn recovers_lens_from_rendered_pictures() {
-    for (truth, distance, spread) in [(pinhole(), 0.36, 0.33), (fisheye(), 0.13, 0.6)] {
-        let draughtsman = BoardRenderer::new(&truth);
-        let views: Vec<View> = poses(12, distance, spread, 8)
+    for (ground_truth, distance, lateral) in [(pinhole(), 0.36, 0.33), (fisheye(), 0.13, 0.6)] {
+        let renderer = BoardRenderer::new(&ground_truth);
+        let views: Vec<View> = poses(12, distance, lateral, 8)
             .iter()
             .filter_map(|&pose| {
-                let picture = draughtsman.draw(&BOARD, pose, 0.7, 2.0);
+                let picture = renderer.render(&BOARD, pose, 0.7, 2.0);
                 let found = find_chessboard(&picture, 9, 6).ok()?;
                 Some(View {
                     name: String::new(),
@@ -265,17 +266,23 @@ fn recovers_lens_from_rendered_pictures() {
         assert!(views.len() >= 9, "{}", views.len());
         assert!(
             views.iter().any(|v| v.points.len() < 54),
-            "a partial board is among them"
+            "no view of a partly visible board"
         );
         let options = Options {
-            model: truth.model,
+            model: ground_truth.model,
             square_pixels: false,
         };
-        let found = estimate((truth.width, truth.height), &views, &options).unwrap();
-        let off = (found.lens.focal / truth.focal - 1.0).abs().max_element();
-        assert!(off < 0.005 && found.rms < 0.15, "{off} {}", found.rms);
+        let found = estimate((ground_truth.width, ground_truth.height), &views, &options).unwrap();
+        let deviation = (found.lens.focal / ground_truth.focal - 1.0)
+            .abs()
+            .max_element();
         assert!(
-            found.lens.centre.distance(truth.centre) < 1.0,
+            deviation < 0.005 && found.rms < 0.15,
+            "{deviation} {}",
+            found.rms
+        );
+        assert!(
+            found.lens.centre.distance(ground_truth.centre) < 1.0,
             "{:?}",
             found.lens
         );

@@ -1,25 +1,24 @@
-#![allow(clippy::unwrap_used)]
 use super::*;
-use crate::intrinsics::estimate::tests::{pinhole, poses, seen};
-use crate::intrinsics::{Board, Gatherer, Options};
+use crate::intrinsics::estimate::tests::{pinhole, poses, simulated_views};
+use crate::intrinsics::{Board, Options, ViewCollector};
 use penumbra_numerics::Random;
 
 #[test]
 fn report_shows_result_and_escapes_names() {
     let lens = pinhole();
-    let mut gatherer = Gatherer::new(Board::parse("chess:9x6:0.025").unwrap());
-    let views = seen(&lens, &poses(12, 0.4, 0.3, 5), 0.15, &mut Random::new(2));
+    let mut collector = ViewCollector::new(Board::parse("chess:9x6:0.025").unwrap());
+    let views = simulated_views(&lens, &poses(12, 0.4, 0.3, 5), 0.15, &mut Random::new(2));
     for view in views {
-        gatherer.offer_points("<a&b>", (640, 480), view.points);
+        collector.add_points("<a&b>", (640, 480), view.points);
     }
     let options = Options {
         model: LensModel::Brown,
         square_pixels: false,
     };
-    let outcome = gatherer.finish(&options);
+    let outcome = collector.finish(&options);
     let shown = |outcome: &Outcome, views: &[View]| {
         let found = Finished {
-            grade: outcome.verdict.grade,
+            grade: outcome.assessment.grade,
             lines: outcome.result.iter().flat_map(lines).collect(),
             findings: Vec::new(),
             hints: Vec::new(),
@@ -34,14 +33,14 @@ fn report_shows_result_and_escapes_names() {
             &["today".to_owned()],
         )
     };
-    let none = Gatherer::new(Board::parse("chess:9x6:0.025").unwrap()).finish(&options);
+    let none = ViewCollector::new(Board::parse("chess:9x6:0.025").unwrap()).finish(&options);
     assert!(shown(&none, &[]).contains("refused"));
-    let page = shown(&outcome, gatherer.views());
+    let page = shown(&outcome, collector.views());
     assert_eq!(page.matches("<svg").count(), page.matches("</svg>").count());
     assert_eq!(page.matches("<svg").count(), 5);
     assert!(page.contains("&lt;a&amp;b&gt;") && !page.contains("<a&b>"));
     assert!(page.contains("Verdict") && !page.contains("NaN") && !page.contains("inf"));
-    // Without its distortion the lens explains the views much worse.
+    // Without distortion the lens fits the views much worse.
     let rms = |caption: &str| -> f64 {
         let at = page.find(caption).unwrap();
         let text = &page[at..];

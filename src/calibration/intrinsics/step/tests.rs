@@ -1,7 +1,6 @@
-#![allow(clippy::unwrap_used, clippy::panic)]
 use super::*;
-use crate::intrinsics::drawn::BoardRenderer;
 use crate::intrinsics::estimate::tests::{pinhole, poses_of};
+use crate::intrinsics::synthetic::BoardRenderer;
 use crate::step::PictureInput;
 use penumbra_camera::LensModel;
 use penumbra_interface::MonotonicTime;
@@ -37,19 +36,18 @@ fn made() -> CalibrationProvenance {
     }
 }
 
-/// Drawn pictures of a ChArUco board, partly out of the picture, become a lens; meanwhile is
-/// told what to do.
+/// The board is partly outside some pictures.
 #[test]
-fn board_in_front_of_camera_gives_lens() {
+fn rendered_charuco_pictures_give_hints_and_lens() {
     let lens = pinhole();
     let board = Board::parse("charuco:9x6:0.03:0.022:5x5_50").unwrap();
-    let draughtsman = BoardRenderer::new(&lens);
+    let renderer = BoardRenderer::new(&lens);
     let poses = poses_of(&board, 16, (0.4, 0.25), 5);
     let mut step = step("charuco:9x6:0.03:0.022:5x5_50");
     assert!(step.inputs().scene && !step.inputs().environment && !step.inputs().poses);
     let mut hints = Vec::new();
     for (i, pose) in poses.iter().enumerate() {
-        let picture = picture(&draughtsman.draw(&board, *pose, 0.6, 1.0));
+        let picture = picture(&renderer.render(&board, *pose, 0.6, 1.0));
         step.observe(&StepInput::Picture(PictureInput {
             camera: CameraRole::Scene,
             picture: &picture,
@@ -71,16 +69,16 @@ fn board_in_front_of_camera_gives_lens() {
     );
     assert!(step.progress().share > 0.8, "{:?}", step.progress());
     let corners = step.corners();
-    let (head, first) = corners.split_once('\n').unwrap();
+    let (header, first) = corners.split_once('\n').unwrap();
     assert!(
-        head.starts_with("view,board_x_m") && first.starts_with("0.00 s,0.0"),
+        header.starts_with("view,board_x_m") && first.starts_with("0.00 s,0.0"),
         "{first}"
     );
     let found = step.finish(&made());
     assert_ne!(found.grade, Grade::Refused, "{:?}", found.findings);
     let record = LensRecord::parse("a", found.file.unwrap().as_bytes()).unwrap();
-    let off = (record.focal[0] / lens.focal.x - 1.0).abs();
-    assert!(off < 0.005, "{:?} {}", record.focal, lens.focal);
+    let deviation = (record.focal[0] / lens.focal.x - 1.0).abs();
+    assert!(deviation < 0.005, "{:?} {}", record.focal, lens.focal);
     assert_eq!(record.device.unwrap().serial.as_deref(), Some("A1"));
     assert!(found.report.contains("Lens of the scene camera") && found.report.contains("Next: "));
 }
@@ -90,8 +88,8 @@ fn recording_without_board_is_refused() {
     let mut step = step("charuco:9x6:0.03:0.022");
     assert_eq!(step.progress().share, 0.0);
     let black = picture(&Grey::from_bytes(640, 480, &[]));
-    step.look_at("1", &black);
-    assert!(step.progress().hint.starts_with("show the board"));
+    step.add_picture("1", &black);
+    assert!(step.progress().hint.starts_with("show the complete board"));
     let found = step.finish(&made());
     assert_eq!((found.grade, found.file), (Grade::Refused, None));
     assert!(

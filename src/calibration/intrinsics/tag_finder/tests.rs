@@ -1,8 +1,7 @@
-#![allow(clippy::unwrap_used, clippy::panic)]
 use super::*;
-use crate::intrinsics::drawn::{BoardRenderer, pose};
 use crate::intrinsics::estimate::tests::{fisheye, pinhole, poses_of};
-use crate::intrinsics::{Finding, Gatherer, Offer, Options};
+use crate::intrinsics::synthetic::{BoardRenderer, pose};
+use crate::intrinsics::{Finding, Options, PictureResult, ViewCollector};
 use glam::DVec3;
 use penumbra_camera::{Lens, LensModel};
 use penumbra_interface::RigidTransform;
@@ -12,41 +11,41 @@ fn board(text: &str) -> Board {
     Board::parse(text).unwrap()
 }
 
-/// Root mean square distance of what was found from where it is, and the worst, pixels.
-fn off(lens: &Lens, pose: RigidTransform, points: &[Correspondence]) -> (f64, f64) {
-    let off = |c: &Correspondence| {
-        let there = lens
+/// Returns the root-mean-square and maximum error of the points found, pixels.
+fn errors(lens: &Lens, pose: RigidTransform, points: &[Correspondence]) -> (f64, f64) {
+    let error = |c: &Correspondence| {
+        let expected = lens
             .project(pose.transform_point(c.point.extend(0.0)))
             .unwrap();
-        there.distance(c.pixel)
+        expected.distance(c.pixel)
     };
-    let squares: f64 = points.iter().map(|c| off(c).powi(2)).sum();
-    let worst = points.iter().map(off).fold(0.0, f64::max);
+    let squares: f64 = points.iter().map(|c| error(c).powi(2)).sum();
+    let worst = points.iter().map(error).fold(0.0, f64::max);
     ((squares / points.len() as f64).sqrt(), worst)
 }
 
 #[test]
-fn an_april_grid_is_found_through_a_fisheye() {
+fn finds_april_grid_through_fisheye() {
     let lens = fisheye();
     let grid = board("aprilgrid:6x6:0.03:0.3");
-    let draughtsman = BoardRenderer::new(&lens);
+    let renderer = BoardRenderer::new(&lens);
     for (centre, tilt) in [
         (DVec3::new(0.0, 0.0, 0.14), DVec2::new(0.2, -0.1)),
         (DVec3::new(0.13, 0.02, 0.1), DVec2::new(0.1, 0.9)),
     ] {
         let at = pose(&grid, centre, tilt, 0.3);
-        let picture = draughtsman.draw(&grid, at, 0.6, 1.5);
-        let seen = TagFinder::new(&grid).unwrap().find(&picture);
-        let (rms, worst) = off(&lens, at, &seen.points);
-        let each = seen.points.iter().map(|c| off(&lens, at, &[*c]).0);
+        let picture = renderer.render(&grid, at, 0.6, 1.5);
+        let found = TagFinder::new(&grid).unwrap().find(&picture);
+        let (rms, worst) = errors(&lens, at, &found.points);
+        let each = found.points.iter().map(|c| errors(&lens, at, &[*c]).0);
         let middle = penumbra_numerics::median(each).unwrap();
         println!(
             "{} tags, {} corners: {middle} {rms} {worst}",
-            seen.tags,
-            seen.points.len()
+            found.tags,
+            found.points.len()
         );
-        assert!(seen.tags >= 34 && seen.points.len() >= 110, "{seen:?}");
-        // The outermost, at 80° from the axis, are slanted to a few pixels.
+        assert!(found.tags >= 34 && found.points.len() >= 110, "{found:?}");
+        // The outermost tags, 80° from the axis, are foreshortened to a few pixels.
         assert!(rms < 0.1 && worst < 0.5, "{middle} {rms} {worst}");
     }
 }
@@ -60,41 +59,41 @@ fn finds_visible_part_of_charuco_board() {
         DVec2::new(0.3, -0.4),
         0.2,
     );
-    let mut picture = BoardRenderer::new(&lens).draw(&charuco, at, 0.6, 1.5);
+    let mut picture = BoardRenderer::new(&lens).render(&charuco, at, 0.6, 1.5);
     let mut finder = TagFinder::new(&charuco).unwrap();
-    let whole = finder.find(&picture);
-    let (rms, worst) = off(&lens, at, &whole.points);
-    assert_eq!((whole.tags, whole.points.len()), (24, 35));
+    let complete = finder.find(&picture);
+    let (rms, worst) = errors(&lens, at, &complete.points);
+    assert_eq!((complete.tags, complete.points.len()), (24, 35));
     assert!(rms < 0.06 && worst < 0.2, "{rms} {worst}");
-    // A hand before it.
+    // Occludes part of the board.
     for y in 0..300 {
         picture.data[y * 640 + 330..y * 640 + 640].fill(120.0);
     }
-    let rest = finder.find(&picture);
+    let partial = finder.find(&picture);
     assert!(
-        (12..30).contains(&rest.points.len()),
+        (12..30).contains(&partial.points.len()),
         "{}",
-        rest.points.len()
+        partial.points.len()
     );
-    // Those that its edge touches are not taken.
-    let (_, worst) = off(&lens, at, &rest.points);
+    // Corners at the edge of the occlusion are rejected.
+    let (_, worst) = errors(&lens, at, &partial.points);
     assert!(worst < 0.2, "{worst}");
 }
 
-fn outcome(drawn: &str, said: &str) -> (Grade, Finding) {
-    let (lens, drawn) = (pinhole(), board(drawn));
-    let draughtsman = BoardRenderer::new(&lens);
-    let mut gatherer = Gatherer::new(board(said));
-    for pose in poses_of(&drawn, 4, (0.45, 0.1), 3) {
-        let offer = gatherer.offer("", &draughtsman.draw(&drawn, pose, 0.6, 1.0));
-        assert_eq!(offer, Offer::OtherBoard);
+fn outcome(rendered: &str, given: &str) -> (Grade, Finding) {
+    let (lens, rendered) = (pinhole(), board(rendered));
+    let renderer = BoardRenderer::new(&lens);
+    let mut collector = ViewCollector::new(board(given));
+    for pose in poses_of(&rendered, 4, (0.45, 0.1), 3) {
+        let add_picture = collector.add_picture("", &renderer.render(&rendered, pose, 0.6, 1.0));
+        assert_eq!(add_picture, PictureResult::OtherBoard);
     }
     let options = Options {
         model: LensModel::Brown,
         square_pixels: true,
     };
-    let verdict = gatherer.finish(&options).verdict;
-    (verdict.grade, verdict.findings[0].1.clone())
+    let assessment = collector.finish(&options).assessment;
+    (assessment.grade, assessment.findings[0].1.clone())
 }
 
 #[test]
@@ -107,37 +106,40 @@ fn other_dictionary_and_other_layout_are_reported() {
     assert!(
         finding
             .to_string()
-            .contains("of 6x6_1000, the board was said to be of 4x4_50"),
+            .contains("of the family 6x6_1000, not 4x4_50"),
         "{finding}"
     );
     let (_, finding) = outcome("aprilgrid:5x4:0.03:0.3", "aprilgrid:5x4:0.03:0.3:4x4_50");
-    assert!(finding.to_string().contains("of kalibr36h11"), "{finding}");
+    assert!(
+        finding.to_string().contains("of the family kalibr36h11"),
+        "{finding}"
+    );
     let (grade, finding) = outcome("charuco:7x5:0.03:0.022", "charuco:6x5:0.03:0.022");
     assert_eq!(grade, Grade::Refused);
     assert!(
-        finding.to_string().contains("as on one with 7 in a row"),
+        finding.to_string().contains("but has 7 columns"),
         "{finding}"
     );
     let (_, finding) = outcome("aprilgrid:5x4:0.03:0.3", "aprilgrid:6x4:0.03:0.3");
     assert!(
-        finding.to_string().contains("as on one with 5 in a row"),
+        finding.to_string().contains("but has 5 columns"),
         "{finding}"
     );
 }
 
 #[test]
-fn a_board_with_more_rows_is_used_and_the_doubt_told() {
-    let drawn = board("charuco:7x6:0.03:0.022");
-    let draughtsman = BoardRenderer::new(&pinhole());
-    let mut gatherer = Gatherer::new(board("charuco:7x5:0.03:0.022"));
-    for pose in poses_of(&drawn, 6, (0.45, 0.1), 3) {
-        gatherer.offer("", &draughtsman.draw(&drawn, pose, 0.6, 1.0));
+fn board_with_more_rows_is_used_with_a_finding() {
+    let rendered = board("charuco:7x6:0.03:0.022");
+    let renderer = BoardRenderer::new(&pinhole());
+    let mut collector = ViewCollector::new(board("charuco:7x5:0.03:0.022"));
+    for pose in poses_of(&rendered, 6, (0.45, 0.1), 3) {
+        collector.add_picture("", &renderer.render(&rendered, pose, 0.6, 1.0));
     }
     let options = Options {
         model: LensModel::Brown,
         square_pixels: true,
     };
-    let verdict = gatherer.finish(&options).verdict;
-    let mut told = verdict.findings.iter().map(|f| f.1.to_string());
-    assert!(told.any(|f| f.contains("more rows")), "{verdict:?}");
+    let assessment = collector.finish(&options).assessment;
+    let mut findings = assessment.findings.iter().map(|f| f.1.to_string());
+    assert!(findings.any(|f| f.contains("more rows")), "{assessment:?}");
 }

@@ -1,4 +1,3 @@
-#![allow(clippy::unwrap_used, clippy::panic)]
 use super::*;
 use glam::DVec3;
 use penumbra_numerics::Random;

@@ -90,7 +90,6 @@ fn mean(patch: &Patch) -> Option<DVec3> {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
     use crate::radiometric::reference::Edition;
     use penumbra_white_balance::chart::Reading;

@@ -6,13 +6,13 @@ use glam::Vec3;
 use penumbra_lighting::cube::CubeGrid;
 use penumbra_lighting::geodesic::{GeodesicDome, sum_faces};
 
-/// The software driver; `PENUMBRA_TEST_ADAPTER` names another.
+/// Opens the software driver, or the adapter that `PENUMBRA_TEST_ADAPTER` names.
 fn gpu() -> Gpu {
     let wanted = std::env::var("PENUMBRA_TEST_ADAPTER").unwrap_or_else(|_| "llvmpipe".to_owned());
     Gpu::open(Some(&wanted)).expect("`make test` installs the software driver")
 }
 
-/// A grid of 6 · size² directions under noise and a sun that is a million times as bright.
+/// A grid of 6 · size² directions with noise and a sun that is a million times brighter.
 fn light(frequency: u32, size: u32, seed: u32) -> FaceLight {
     let dome = GeodesicDome::new(frequency).unwrap();
     let grid = CubeGrid::new(size);
@@ -51,7 +51,7 @@ fn read(gpu: &Gpu, pass: &LuminancePass) -> Vec<Vec3> {
     sums.iter().map(|s| Vec3::new(s[0], s[1], s[2])).collect()
 }
 
-/// True if there was something to sum.
+/// Uploads and sums `light`; returns whether there was anything to sum.
 fn sum(gpu: &Gpu, pass: &mut LuminancePass, light: &FaceLight, generation: u64) -> bool {
     pass.upload(&gpu.device, &gpu.queue, light, generation)
         .unwrap();
@@ -74,7 +74,7 @@ fn assert_same(gpu: &[Vec3], cpu: &[Vec3]) {
     }
 }
 
-/// On the device, and as the adapter does it best.
+/// The pass on the device, and the one for the adapter.
 fn both(gpu: &Gpu) -> [LuminancePass; 2] {
     [
         LuminancePass::new(&gpu.device),
@@ -83,10 +83,10 @@ fn both(gpu: &Gpu) -> [LuminancePass; 2] {
 }
 
 #[test]
-fn the_sums_are_the_twins() {
+fn sums_equal_those_of_the_cpu() {
     let gpu = gpu();
     for mut pass in both(&gpu) {
-        // Growing, shrinking, faces with fewer pixels than invocations and with many chunks.
+        // Growing and shrinking; faces with fewer pixels than invocations, and with many chunks.
         let domes = [(2, 8), (2, 400), (8, 64), (16, 4)];
         for (generation, (frequency, size)) in (0..).zip(domes) {
             let light = light(frequency, size, 0);
@@ -98,7 +98,7 @@ fn the_sums_are_the_twins() {
 }
 
 #[test]
-fn the_same_light_gives_the_same_bits_and_only_news_are_summed() {
+fn repeated_sums_are_bit_identical_and_unchanged_light_is_not_summed() {
     let gpu = gpu();
     let (first, second) = (light(4, 64, 1), light(4, 64, 2));
     let second = FaceLight {
@@ -117,7 +117,7 @@ fn the_same_light_gives_the_same_bits_and_only_news_are_summed() {
 }
 
 #[test]
-fn what_a_device_cannot_bind_is_refused_with_words() {
+fn refuses_light_that_the_device_cannot_bind() {
     let light = light(2, 32, 0);
     let limits = wgpu::Limits {
         max_storage_buffer_binding_size: 1 << 16,

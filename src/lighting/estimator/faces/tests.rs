@@ -1,5 +1,3 @@
-#![allow(clippy::unwrap_used, clippy::panic)]
-
 use super::super::tests::{Rig, fisheye, photograph, sphere};
 use super::*;
 use crate::geodesic::sum_faces;
@@ -178,7 +176,7 @@ fn moving_view_sums_accumulated_radiance() {
 fn compact_sources_are_part_of_their_faces() {
     let dome = GeodesicDome::new(2).unwrap();
     let corner = dome.faces[8].corners[0] + dome.faces[8].corners[1];
-    for (view, lamp, most) in [
+    for (view, lamp, max) in [
         (fisheye(0.0), dome.faces[8].centre, 1),
         (fisheye(0.0), corner.normalize(), 2),
         (sphere(false).0, dome.faces[8].centre, 1),
@@ -198,7 +196,7 @@ fn compact_sources_are_part_of_their_faces() {
         let bright = |taken: &&(u32, Vec3)| taken.1.max_element() > 0.01 * compact.max_element();
         assert_eq!(
             source.irradiance_in_faces.iter().filter(bright).count(),
-            most
+            max
         );
         for (face, taken) in &source.irradiance_in_faces {
             let left = sums[*face as usize] - *taken;

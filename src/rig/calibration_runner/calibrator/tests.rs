@@ -300,7 +300,7 @@ fn missing_camera_is_reported_and_awaited() {
     let view = rig.wait_for("a device problem", |v| v.device_error.is_some());
     let trouble = view.device_error.unwrap();
     assert!(
-        trouble.contains("scene camera") && trouble.contains("not there"),
+        trouble.contains("scene camera") && trouble.contains("not connected"),
         "{trouble}"
     );
     let path = |name: &str| rig.folder.path().join(name);

@@ -1,4 +1,3 @@
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 //! Planes of real and of damaged models.
 
 use super::*;
@@ -37,7 +36,7 @@ fn scene(parts: Vec<Part>) -> Scene {
 /// sees, too. Each fragment is represented by a random point.
 fn coverage(planes: &[ShadowingPlane], parts: &[Part], layer: Layer) -> (f64, f64) {
     let mut surface = Surface::new(parts, &all(parts)).unwrap();
-    let extent = longest(surface.bounds());
+    let extent = max_extent(surface.bounds());
     surface.weigh(&RayCaster::from_parts(parts), extent);
     let seen: Vec<HashSet<u32>> = planes
         .iter()
@@ -48,12 +47,12 @@ fn coverage(planes: &[ShadowingPlane], parts: &[Part], layer: Layer) -> (f64, f6
         random = random.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
         f64::from(random >> 8) / f64::from(1 << 24)
     };
-    let (mut held, mut straight, mut whole) = (0.0, 0.0, 0.0);
+    let (mut held, mut straight, mut total) = (0.0, 0.0, 0.0);
     for (i, f) in surface.fragments.iter().enumerate() {
         if f.normal.z < -0.3 {
             continue;
         }
-        whole += f.area;
+        total += f.area;
         let (u, v) = (next(), next());
         let (u, v) = if u + v > 1.0 {
             (1.0 - u, 1.0 - v)
@@ -72,7 +71,7 @@ fn coverage(planes: &[ShadowingPlane], parts: &[Part], layer: Layer) -> (f64, f6
             straight += f.area;
         }
     }
-    (held / whole, straight / whole)
+    (held / total, straight / total)
 }
 
 fn is_held(p: &ShadowingPlane, point: DVec3, normal: DVec3) -> bool {
@@ -109,8 +108,8 @@ fn check(name: &str, scene: &Scene) -> Vec<ShadowingPlane> {
 }
 
 /// Checks centres, sizes, axes and parts; the real layer must come first.
-pub(super) fn assert_valid(planes: &[ShadowingPlane], most: usize) {
-    assert!(planes.len() <= most, "{}", planes.len());
+pub(super) fn assert_valid(planes: &[ShadowingPlane], max: usize) {
+    assert!(planes.len() <= max, "{}", planes.len());
     assert!(planes.is_sorted_by_key(|p| p.layer != Layer::Real));
     for p in planes {
         assert!(p.centre.is_finite() && p.half_size.min_element() > 0.0 && p.half_size.is_finite());

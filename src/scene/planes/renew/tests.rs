@@ -1,4 +1,3 @@
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 use super::*;
 use crate::mesh::Material;
 use crate::planes::generate;
@@ -107,17 +106,18 @@ fn accepts_added_and_removed_objects() {
     let (left, right) = (cuboid(-4.0, 1.0), cuboid(4.0, 1.0));
     let both = scene(vec![left.clone(), right.clone()]);
     let one = scene(vec![right]);
-    let gone = renewed(&both, &one);
+    let removed = renewed(&both, &one);
     assert!(
-        gone.planes
+        removed
+            .planes
             .iter()
             .all(|p| p.layer == Layer::Real || p.parts == [0])
     );
-    let kept = gone.from.iter().flatten().count();
+    let kept = removed.from.iter().flatten().count();
     assert!(
-        kept + 3 >= gone.planes.len(),
+        kept + 3 >= removed.planes.len(),
         "{kept} of {}",
-        gone.planes.len()
+        removed.planes.len()
     );
     let come = renewed(&one, &both);
     assert!(
@@ -160,7 +160,7 @@ fn never_omits_an_image_that_a_ray_can_shadow() {
         let corners: Vec<DVec3> = (0..3)
             .map(|_| (DVec3::Z * 1.5 + vector(1.0)).normalize())
             .collect();
-        let says = may_shadow(&caster, &corners, &plane);
+        let is_possible = may_shadow(&caster, &corners, &plane);
         let within = corners.iter().sum::<DVec3>().normalize();
         let slab = slab_corners(&plane);
         let hit = (0..300).any(|_| {
@@ -170,9 +170,9 @@ fn never_omits_an_image_that_a_ray_can_shadow() {
             let light = corners[0] * v.x + corners[1] * v.y + corners[2] * v.z + within * w.x * 0.1;
             meets(point, light.normalize(), &caster)
         });
-        assert!(says || !hit, "{caster:?} {plane:?} {corners:?}");
+        assert!(is_possible || !hit, "{caster:?} {plane:?} {corners:?}");
         reached += u32::from(hit);
-        spared += u32::from(!says);
+        spared += u32::from(!is_possible);
     }
     // Both cases must be common for the test to be meaningful.
     assert!(reached > 20 && spared > 100, "{reached} {spared}");

@@ -95,10 +95,10 @@ pub fn save(path: &Path, bake: &Bake) -> Result<(), StoreError> {
         fs::create_dir_all(folder).map_err(|e| io(folder, "making the folder", e))?;
     }
     let number = NEXT.fetch_add(1, Ordering::Relaxed);
-    let beside = path.with_extension(format!("{}-{number}.{UNFINISHED}", std::process::id()));
-    let written = write(&beside, &bytes).and_then(|()| fs::rename(&beside, path));
+    let unfinished = path.with_extension(format!("{}-{number}.{UNFINISHED}", std::process::id()));
+    let written = write(&unfinished, &bytes).and_then(|()| fs::rename(&unfinished, path));
     written.map_err(|e| {
-        fs::remove_file(&beside).ok();
+        fs::remove_file(&unfinished).ok();
         io(path, "writing", e)
     })
 }

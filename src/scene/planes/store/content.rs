@@ -292,11 +292,11 @@ impl<'a> Bytes<'a> {
         Ok(f64::from_le_bytes(self.array()?))
     }
 
-    /// Reads a count, at most `most`, of items of at least `size` bytes each that must follow.
-    fn count(&mut self, most: u32, size: usize) -> Result<usize, String> {
+    /// Reads a count, at most `max`, of items of at least `size` bytes each that must follow.
+    fn count(&mut self, max: u32, size: usize) -> Result<usize, String> {
         let count = self.u32()?;
-        if count > most {
-            return Err(format!("a count is {count}, more than {most}"));
+        if count > max {
+            return Err(format!("a count is {count}, more than {max}"));
         }
         if count as usize * size > self.rest.len() {
             return Err(CUT_SHORT.into());

@@ -185,8 +185,8 @@ fn refuses_to_write_an_inconsistent_bake() {
 fn key_depends_on_everything_that_a_bake_depends_on_and_nothing_else() {
     let settings = BakeSettings::default();
     let layout = PlaneSettings::default();
-    let usual = key(&scene(), &layout, &settings);
-    assert_eq!(usual, key(&scene(), &layout, &settings));
+    let default = key(&scene(), &layout, &settings);
+    assert_eq!(default, key(&scene(), &layout, &settings));
     let changes: [fn(&mut Scene, &mut PlaneSettings, &mut BakeSettings); 10] = [
         |s, _, _| s.virtual_parts[0].world_from_part.w_axis.x += 1e-9,
         |s, _, _| {
@@ -210,12 +210,12 @@ fn key_depends_on_everything_that_a_bake_depends_on_and_nothing_else() {
     for (i, change) in changes.iter().enumerate() {
         let (mut scene, mut layout, mut settings) = (scene(), layout, settings);
         change(&mut scene, &mut layout, &mut settings);
-        assert_ne!(usual, key(&scene, &layout, &settings), "change {i}");
+        assert_ne!(default, key(&scene, &layout, &settings), "change {i}");
     }
     let mut painted = scene();
     painted.virtual_parts[0].name = "red box".into();
     Arc::make_mut(&mut painted.virtual_parts[0].material).roughness = 0.1;
-    assert_eq!(usual, key(&painted, &layout, &settings));
+    assert_eq!(default, key(&painted, &layout, &settings));
 }
 
 #[test]

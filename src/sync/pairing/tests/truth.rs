@@ -115,8 +115,8 @@ impl Recording {
         let sensor = self.world_from_transmitter * pose.transmitter_from_sensor;
         let camera = sensor * self.sensor_from_camera;
         let moved = camera.translation.distance(truth.translation) * 1e3;
-        let turn = camera.rotation.inverse() * truth.rotation;
-        let turned = 2.0 * turn.xyz().length().atan2(turn.w.abs());
+        let rotation = camera.rotation.inverse() * truth.rotation;
+        let turned = 2.0 * rotation.xyz().length().atan2(rotation.w.abs());
         (moved, turned.to_degrees())
     }
 }

@@ -7,29 +7,29 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 
-/// Runs the program to its end and gives what it printed; it must succeed.
+/// Runs the program, which must succeed; returns its output.
 pub fn succeeds(arguments: &[&str]) -> String {
     let output = Command::new("penumbra")
         .args(arguments)
         .output()
         .expect("penumbra starts");
-    let said = String::from_utf8_lossy(&output.stderr);
+    let errors = String::from_utf8_lossy(&output.stderr);
     assert!(
         output.status.success(),
-        "penumbra {arguments:?}: {}\n{said}",
+        "penumbra {arguments:?}: {}\n{errors}",
         output.status
     );
     String::from_utf8(output.stdout).expect("UTF-8")
 }
 
-/// The program at work; dropping it kills it.
+/// The running program; dropping it kills it.
 pub struct Running {
     child: Child,
     log: PathBuf,
 }
 
 impl Running {
-    /// Starts the program; what it says goes to a file that the host keeps.
+    /// Starts the program; its output goes to a file that the host keeps.
     pub fn start(arguments: &[&str], log: &Path) -> Self {
         let file = File::create(log).unwrap();
         let child = Command::new("penumbra")
@@ -45,12 +45,12 @@ impl Running {
         }
     }
 
-    /// What it said so far.
-    pub fn said(&self) -> String {
+    /// The output so far.
+    pub fn output(&self) -> String {
         std::fs::read_to_string(&self.log).unwrap_or_default()
     }
 
-    /// Nanoseconds on a processor so far, by thread name.
+    /// Processor time so far by thread name, nanoseconds.
     pub fn thread_times(&self) -> BTreeMap<String, u64> {
         let tasks = format!("/proc/{}/task", self.child.id());
         let tasks = std::fs::read_dir(tasks).into_iter().flatten().flatten();
@@ -62,40 +62,39 @@ impl Running {
         times.collect()
     }
 
-    /// Waits ten seconds for something to become true, or for the program to end, which is a
-    /// failure.
+    /// Waits up to ten seconds for a condition; fails if the program ends before.
     pub fn wait_until(&mut self, what: &str, is_true: impl Fn(&str) -> bool) {
         let began = Instant::now();
-        while !is_true(&self.said()) {
+        while !is_true(&self.output()) {
             let status = self.child.try_wait().unwrap();
             let is_over = status.is_some() || began.elapsed() > Duration::from_secs(10);
-            assert!(!is_over, "never: {what} ({status:?})\n{}", self.said());
+            assert!(!is_over, "never: {what} ({status:?})\n{}", self.output());
             std::thread::sleep(Duration::from_millis(20));
         }
     }
 
-    /// Waits for it to end by itself.
+    /// Waits for the program to end by itself.
     pub fn end(mut self, within: Duration) -> ExitStatus {
         let began = Instant::now();
         loop {
             if let Some(status) = self.child.try_wait().unwrap() {
                 return status;
             }
-            assert!(began.elapsed() < within, "does not end:\n{}", self.said());
+            assert!(began.elapsed() < within, "does not end:\n{}", self.output());
             std::thread::sleep(Duration::from_millis(20));
         }
     }
 
-    /// Asks it to stop, as Ctrl-C does; it must end in order.
+    /// Interrupts the program like Ctrl-C; it must end successfully.
     pub fn stop(self) {
         self.signal(Signal::INT);
         let log = self.log.clone();
         let status = self.end(Duration::from_secs(10));
-        let said = std::fs::read_to_string(log).unwrap_or_default();
-        assert!(status.success(), "{status}\n{said}");
+        let output = std::fs::read_to_string(log).unwrap_or_default();
+        assert!(status.success(), "{status}\n{output}");
     }
 
-    /// Ends it without a warning.
+    /// Kills the program.
     pub fn kill(self) {
         self.signal(Signal::KILL);
         self.end(Duration::from_secs(5));
@@ -109,7 +108,7 @@ impl Running {
 
 impl Drop for Running {
     fn drop(&mut self) {
-        // It has ended where all is well.
+        // An error means that it has ended already.
         let _ = self.child.kill();
         let _ = self.child.wait();
     }

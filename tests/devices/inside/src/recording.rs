@@ -1,4 +1,4 @@
-//! A recorded session, read without Penumbra.
+//! Reads a recorded session without Penumbra.
 
 use crate::rig::{Reading, read_jpeg};
 use mcap::MessageStream;
@@ -11,9 +11,9 @@ use std::path::Path;
 pub struct Entry {
     /// The device's counter.
     pub sequence: u32,
-    /// When its bytes arrived, nanoseconds of the monotonic clock.
+    /// Time of arrival, nanoseconds of the monotonic clock.
     pub arrived: u64,
-    /// When it was captured.
+    /// Time of capture.
     pub captured: u64,
     /// The message.
     pub data: Vec<u8>,
@@ -22,7 +22,7 @@ pub struct Entry {
 /// The streams of a session by topic, in the order of the file.
 pub type Streams = BTreeMap<String, Vec<Entry>>;
 
-/// Reads a file as far as it goes: one whose writer was killed has no end.
+/// Reads a file up to its last complete message: if its writer was killed, it has no end.
 pub fn read(path: &Path) -> Streams {
     let bytes = std::fs::read(path).unwrap_or_else(|e| panic!("{}: {e}", path.display()));
     let messages = MessageStream::new_with_options(&bytes, Options::IgnoreEndMagic.into()).unwrap();
@@ -47,7 +47,7 @@ pub fn stream<'a>(streams: &'a Streams, topic: &str) -> &'a [Entry] {
         .unwrap_or_else(|| panic!("no {topic} among {there:?}"))
 }
 
-/// The files that a session carries, by name.
+/// Attachments of a session, by name.
 pub fn attachments(path: &Path) -> BTreeMap<String, Vec<u8>> {
     let bytes = std::fs::read(path).unwrap();
     let summary = mcap::Summary::read(&bytes).unwrap().expect("an index");
@@ -74,7 +74,7 @@ pub fn longest_gap(entries: &[Entry]) -> f64 {
     gaps.fold(0.0, f64::max)
 }
 
-/// Panics unless time only goes on, and nothing arrives before it is captured.
+/// Panics if times decrease, or if a message arrives before its capture.
 pub fn assert_in_order(topic: &str, entries: &[Entry]) {
     for entry in entries {
         assert!(
@@ -85,16 +85,16 @@ pub fn assert_in_order(topic: &str, entries: &[Entry]) {
     for pair in entries.windows(2) {
         assert!(
             pair[1].arrived >= pair[0].arrived,
-            "{topic}: arrivals go back"
+            "{topic}: arrival times decrease"
         );
         assert!(
             pair[1].captured >= pair[0].captured,
-            "{topic}: captures go back"
+            "{topic}: capture times decrease"
         );
     }
 }
 
-/// What the emulated camera's picture in an image message says.
+/// Reads the data that the emulated camera has encoded in the picture of an image message.
 pub fn read_image(entry: &Entry) -> Reading {
     let begin = entry
         .data

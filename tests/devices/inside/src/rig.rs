@@ -1,4 +1,4 @@
-//! The guest's devices, by the names that a rig's configuration would use.
+//! The guest's devices, by the names that a rig's configuration uses.
 
 use penumbra_usbcam::jpeg::BLOCK;
 use penumbra_usbcam::picture::{MIDDLE_GREY, light, middle_of_patch, number};
@@ -12,24 +12,24 @@ use std::time::{Duration, Instant};
 pub const SCENE: &str = "/dev/v4l/by-id/usb-Penumbra_Scene_Camera_SC0001-video-index0";
 /// The emulated environment camera.
 pub const ENVIRONMENT: &str = "/dev/v4l/by-id/usb-Penumbra_Environment_Camera_EC0001-video-index0";
-/// One of vivid's two cameras: both sit at the same place, so only one has its name.
+/// One of vivid's two cameras: both have the same path, so only one has this name.
 pub const VIVID: &str = "/dev/v4l/by-path/platform-vivid.0-video-index0";
-/// The computer's end of the tracker's cable.
+/// The host's end of the tracker's cable.
 pub const TRACKER: &str = "/dev/serial/by-id/usb-Polhemus_FASTRAK_FT0001-if00";
-/// Where what a test leaves for the host is written.
+/// Folder for files that a test leaves for the host.
 pub const OUT: &str = "/out";
 
 const EMULATOR: &str = "/run/usbcam";
 const TRACKER_PLUG: &str = "/sys/kernel/config/usb_gadget/tracker/UDC";
 
-/// Waits until all devices are there, as every test finds them.
+/// Waits until all devices exist, as every test expects.
 pub fn ready() {
     for device in [SCENE, ENVIRONMENT, TRACKER, "/dev/ttyGS0"] {
         wait_until(&format!("{device} is there"), || Path::new(device).exists());
     }
 }
 
-/// Waits ten seconds for something to become true.
+/// Waits up to ten seconds for a condition.
 pub fn wait_until(what: &str, is_true: impl Fn() -> bool) {
     let began = Instant::now();
     while !is_true() {
@@ -38,7 +38,7 @@ pub fn wait_until(what: &str, is_true: impl Fn() -> bool) {
     }
 }
 
-/// Asks the camera emulator for something (`penumbra_usbcam::command::HELP`).
+/// Sends a command to the camera emulator (`penumbra_usbcam::command::HELP`); returns the answer.
 pub fn usbcam(command: &str) -> String {
     let mut stream = UnixStream::connect(EMULATOR).expect("the emulator listens");
     writeln!(stream, "{command}").unwrap();
@@ -49,7 +49,7 @@ pub fn usbcam(command: &str) -> String {
     answer.trim().to_owned()
 }
 
-/// Plugs the tracker in or pulls its plug.
+/// Plugs the tracker in or unplugs it.
 pub fn plug_tracker(plugged: bool) {
     std::fs::write(TRACKER_PLUG, if plugged { "dummy_udc.0" } else { "\n" }).unwrap();
 }
@@ -68,20 +68,20 @@ pub fn vivid() -> Vec<PathBuf> {
     nodes
 }
 
-/// What a frame of the emulated cameras says of itself.
+/// The data that a frame of the emulated cameras encodes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Reading {
-    /// Its number, counted from when the camera was plugged in.
+    /// Its number since the camera was plugged in.
     pub number: u32,
-    /// The light that it was exposed to, 1 at the normal exposure and gain.
+    /// Exposure and gain relative to the normal ones, linear.
     pub light: f64,
-    /// Blue against red of a grey patch: code values around 0.
+    /// Blue minus red difference of a grey patch, code values.
     pub tint: f64,
 }
 
 /// Reads an emulated camera's JPEG.
 pub fn read_jpeg(data: &[u8]) -> Reading {
-    let picture = turbojpeg::decompress_to_yuv(data).expect("a whole JPEG");
+    let picture = turbojpeg::decompress_to_yuv(data).expect("a complete JPEG");
     let (width, height) = (picture.width, picture.height);
     let (x, y) = middle_of_patch(MIDDLE_GREY, width, height);
     let chroma = |plane: usize| {

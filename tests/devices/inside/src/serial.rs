@@ -3,7 +3,7 @@
 use std::fs::{File, OpenOptions};
 use std::process::Command;
 
-/// Opens a serial port as a wire for bytes: no echo, no line editing.
+/// Opens a serial port in raw mode: no echo, no line editing.
 pub fn open(path: &str) -> File {
     let raw = Command::new("stty")
         .args(["-F", path, "raw", "-echo"])

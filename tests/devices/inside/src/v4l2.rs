@@ -1,9 +1,9 @@
-//! Video for Linux, as far as the tests of the guest need it.
+//! The part of Video for Linux that the tests of the guest need.
 //!
 //! Devices and controls are accessed by the crate `v4l`, which may panic in a test; events and
-//! buffers by its raw bindings, because its streams cannot go on after a time-out.
-//! Penumbra's driver is not used, so that the tests of the guest prove the guest.
-#![allow(unsafe_code)] // ioctl and mmap: each block says why it is sound
+//! buffers by its raw bindings, because its streams cannot continue after a time-out. Penumbra's
+//! driver is not used, so that tests of the guest do not depend on it.
+#![allow(unsafe_code)] // ioctl and mmap: each block gives its reason
 
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::fd::BorrowedFd;
@@ -66,7 +66,7 @@ impl Camera {
     }
 
     fn send<T>(&self, number: Number, argument: &mut T) -> Result<()> {
-        // SAFETY: every call below gives a command the structure that its number was made from.
+        // SAFETY: every call below passes the structure that belongs to the command's number.
         errno(unsafe { v4l::v4l2::ioctl(self.0.handle().fd(), number, from_mut(argument).cast()) })
     }
 
@@ -219,7 +219,7 @@ pub struct Frame {
     pub sequence: u32,
     /// The driver's time stamp, microseconds of the monotonic clock.
     pub micros: i64,
-    /// Whether the driver says that the frame is damaged.
+    /// Whether the driver flags the frame as damaged.
     pub damaged: bool,
 }
 
@@ -276,7 +276,7 @@ impl Stream<'_> {
 
 impl Drop for Stream<'_> {
     fn drop(&mut self) {
-        // Both fail if the camera is gone.
+        // Both fail if the camera is disconnected.
         let _ = self.camera.send(vidioc::VIDIOC_STREAMOFF, &mut { CAPTURE });
         self.maps.clear();
         let _ = self.camera.request_buffers(0);

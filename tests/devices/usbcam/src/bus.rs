@@ -1,4 +1,4 @@
-//! The cameras' sockets on the kernel's virtual host controller.
+//! The ports of the cameras on the kernel's virtual host controller.
 
 use crate::camera::{Camera, Faults};
 use crate::descriptors::CAMERAS;
@@ -12,32 +12,32 @@ use std::time::{Duration, Instant};
 use thiserror::Error;
 
 const ATTACH: &str = "/sys/devices/platform/vhci_hcd.0/attach";
-/// How long the kernel may need to let go of a camera that was unplugged.
-const PATIENCE: Duration = Duration::from_secs(5);
+/// Time limit for the kernel to release an unplugged camera.
+const TIMEOUT: Duration = Duration::from_secs(5);
 /// Speed as vhci_hcd numbers it: 480 Mbit/s.
 const HIGH_SPEED: u32 = 3;
 
 /// A camera could not be plugged in.
 #[derive(Debug, Error)]
 pub enum BusError {
-    /// It is plugged in already.
+    /// The camera is plugged in already.
     #[error("it is plugged in already")]
     Plugged,
-    /// It is not plugged in.
+    /// The camera is not plugged in.
     #[error("it is not plugged in")]
     Unplugged,
-    /// The kernel took it and did not ask what it is.
+    /// The kernel attached the camera but did not configure it.
     #[error("the kernel does not configure it; see dmesg")]
     Ignored,
-    /// The kernel does not take it.
+    /// The kernel does not attach the camera.
     #[error("{ATTACH}: {source}; is vhci_hcd loaded, and are you root?")]
     Attach {
-        /// What it said.
+        /// The kernel's error.
         source: io::Error,
     },
 }
 
-/// Sockets for every camera, empty at first.
+/// One port for each camera, empty at first.
 #[derive(Default)]
 pub struct Bus {
     sockets: [Socket; CAMERAS.len()],
@@ -53,7 +53,7 @@ impl Bus {
     /// Plugs a camera in.
     ///
     /// # Errors
-    /// It is plugged in already, or the kernel does not take it.
+    /// The camera is plugged in already, or the kernel does not attach it.
     pub fn plug(&mut self, camera: usize) -> Result<(), BusError> {
         if self.sockets[camera].camera.is_some() {
             return Err(BusError::Plugged);
@@ -62,11 +62,11 @@ impl Bus {
         let (device, host) = UnixStream::pair().map_err(attach)?;
         let faults = self.sockets[camera].faults.clone();
         let started = Camera::start(CAMERAS[camera], device, faults).map_err(attach)?;
-        // The kernel holds a reference of its own to `host`.
+        // The kernel holds a separate reference to `host`.
         let line = format!("{camera} {} {} {HIGH_SPEED}", host.as_raw_fd(), camera + 1);
         let asked = Instant::now();
         while let Err(source) = std::fs::write(ATTACH, &line) {
-            if asked.elapsed() > PATIENCE {
+            if asked.elapsed() > TIMEOUT {
                 started.unplug();
                 return Err(attach(source));
             }
@@ -76,7 +76,7 @@ impl Bus {
         Ok(())
     }
 
-    /// Pulls a camera's plug.
+    /// Unplugs a camera.
     ///
     /// # Errors
     /// It is not plugged in.
@@ -89,24 +89,24 @@ impl Bus {
         Ok(())
     }
 
-    /// Makes every camera as new: plugged in, without faults, its controls at their defaults;
-    /// and waits until the kernel has it.
+    /// Resets every camera: plugged in, without faults, controls at their defaults. Waits until the
+    /// kernel has configured it.
     ///
     /// # Errors
-    /// The kernel does not take one.
+    /// The kernel does not attach a camera.
     pub fn reset(&mut self) -> Result<(), BusError> {
         for camera in 0..CAMERAS.len() {
             *self.faults(camera) = Faults::default();
             let fresh = |c: &Arc<Camera>| c.is_plugged() && !c.is_changed();
             if !self.sockets[camera].camera.as_ref().is_some_and(fresh) {
-                // The kernel keeps values of controls: only a camera that was unplugged is new.
+                // The kernel caches control values until a camera is unplugged.
                 let _ = self.unplug(camera);
                 self.plug(camera)?;
             }
         }
         let asked = Instant::now();
         while self.cameras().any(|camera| !camera.is_configured()) {
-            if asked.elapsed() > PATIENCE {
+            if asked.elapsed() > TIMEOUT {
                 return Err(BusError::Ignored);
             }
             thread::sleep(Duration::from_millis(10));
@@ -118,13 +118,13 @@ impl Bus {
         self.sockets.iter().flat_map(|socket| &socket.camera)
     }
 
-    /// A camera's faults, to be changed.
+    /// The faults of a camera, locked for changes.
     pub fn faults(&self, camera: usize) -> std::sync::MutexGuard<'_, Faults> {
         lock(&self.sockets[camera].faults)
     }
 
-    /// A camera's state in one line: whether it is plugged in, and its newest frame's number
-    /// and settings.
+    /// Describes a camera in one line: whether it is plugged in, and the number and settings of its
+    /// newest frame.
     #[must_use]
     pub fn state(&self, camera: usize) -> String {
         let Some(plugged) = &self.sockets[camera].camera else {

@@ -1,4 +1,4 @@
-//! One camera that is plugged in: a thread that answers requests, and one that makes frames.
+//! One plugged-in camera: a thread that answers requests, and one that makes frames.
 
 use crate::controls::Controls;
 use crate::descriptors::{DEVICE, Identity, configuration, string};
@@ -14,21 +14,21 @@ use std::sync::{Arc, Mutex};
 use std::thread;
 use std::time::{Duration, Instant};
 
-/// How long the kernel may leave a frame unread before it is given up: the stream was stopped.
-const PATIENCE: Duration = Duration::from_millis(500);
+/// A frame that the kernel has not read after this time is dropped: the stream was stopped.
+const TIMEOUT: Duration = Duration::from_millis(500);
 
-/// What a test made of a camera. It stays with the socket that the camera is plugged into.
+/// Faults of a camera. They belong to its port, so they survive unplugging.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Faults {
-    /// It sends nothing, yet answers.
+    /// The camera sends no frames but answers requests.
     pub frozen: bool,
-    /// So many frames to come have the error bit set.
+    /// Number of coming frames that have the error bit set.
     pub damaged: u32,
-    /// So many frames to come end in the middle, without any sign of it.
+    /// Number of coming frames that are cut in half without an error bit.
     pub truncated: u32,
-    /// Whether JPEG frames bring their Huffman tables.
+    /// Whether JPEG frames contain their Huffman tables.
     pub huffman_tables: bool,
-    /// Frames until a setting shows.
+    /// Frames until a setting takes effect.
     pub lag: usize,
 }
 
@@ -44,7 +44,7 @@ impl Default for Faults {
     }
 }
 
-/// A camera that is plugged in.
+/// A plugged-in camera.
 pub struct Camera {
     identity: Identity,
     socket: UnixStream,
@@ -57,7 +57,7 @@ pub struct Camera {
 }
 
 impl Camera {
-    /// Starts a camera at its end of the wire.
+    /// Starts a camera at its end of the socket pair.
     ///
     /// # Errors
     /// The socket cannot be shared.
@@ -83,30 +83,30 @@ impl Camera {
         Ok(camera)
     }
 
-    /// Cuts the wire: what a pulled plug is.
+    /// Closes the socket, as if the camera were unplugged.
     pub fn unplug(&self) {
         self.link.close();
-        // An error says that the kernel cut it first.
+        // An error means that the kernel closed it first.
         let _ = self.socket.shutdown(std::net::Shutdown::Both);
     }
 
-    /// Whether the kernel still has it.
+    /// Whether the kernel still has the camera.
     pub fn is_plugged(&self) -> bool {
         !self.link.is_closed()
     }
 
-    /// Whether the kernel has taken it into use. The one before it in the same socket is gone
-    /// then.
+    /// Whether the kernel has configured the camera. It has then released the previous camera at
+    /// the same port.
     pub fn is_configured(&self) -> bool {
         self.configured.load(Ordering::Relaxed)
     }
 
-    /// Whether any control was set since it was plugged in.
+    /// Whether a control was set since the camera was plugged in.
     pub fn is_changed(&self) -> bool {
         lock(&self.controls).is_changed()
     }
 
-    /// The newest frame that went over as a whole.
+    /// The newest frame that was transferred completely.
     pub fn newest(&self) -> Option<Shot> {
         *lock(&self.newest)
     }
@@ -142,8 +142,8 @@ impl Camera {
         }
     }
 
-    /// A control transfer: requests of USB itself, then those of the video class, to the
-    /// control interface 0 and the streaming interface 1.
+    /// Answers a control transfer: standard USB requests, and those of the video class to the
+    /// control interface (0) and the streaming interface (1).
     fn control(&self, setup: &Setup, data: &[u8]) -> Result<Vec<u8>, Stall> {
         match (setup.kind, setup.request) {
             (0x80, 6) => match (setup.value >> 8, setup.value as u8) {
@@ -192,11 +192,11 @@ impl Camera {
         if faults.truncated > 0 && mode.format == Format::Mjpeg {
             frame.truncate(frame.len() / 2);
         }
-        let whole = payloads(&frame, parity, faults.damaged > 0)
-            .all(|payload| self.link.deliver(&payload, PATIENCE));
-        if whole {
+        let is_complete = payloads(&frame, parity, faults.damaged > 0)
+            .all(|payload| self.link.deliver(&payload, TIMEOUT));
+        if is_complete {
             *lock(&self.newest) = Some(shot);
-            // Only faults that this frame had: a command may have set others meanwhile.
+            // Only the faults of this frame: a command may have set others meanwhile.
             let mut left = lock(&self.faults);
             left.damaged = left.damaged.saturating_sub(faults.damaged.min(1));
             left.truncated = left.truncated.saturating_sub(faults.truncated.min(1));

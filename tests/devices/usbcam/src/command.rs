@@ -1,39 +1,39 @@
-//! What a test asks the emulator for: one line, answered by one line.
+//! Commands of the emulator: one line, answered by one line.
 
 use crate::bus::{Bus, BusError};
 use thiserror::Error;
 
-/// How the lines are written.
+/// Syntax of the commands.
 pub const HELP: &str = "\
 plug CAMERA             CAMERA is scene or environment
 unplug CAMERA
-freeze CAMERA           send no frames, yet answer
+freeze CAMERA           send no frames, but answer requests
 thaw CAMERA
-errors CAMERA COUNT     so many frames with the error bit
-truncate CAMERA COUNT   so many JPEG frames that end in the middle
-tables CAMERA on|off    JPEG frames with their Huffman tables, or without
-lag CAMERA COUNT        frames until a setting shows
+errors CAMERA COUNT     set the error bit of COUNT frames
+truncate CAMERA COUNT   cut COUNT JPEG frames in half
+tables CAMERA on|off    JPEG frames with or without Huffman tables
+lag CAMERA COUNT        frames until a setting takes effect
 state CAMERA            plugged or not, newest frame's number and settings
 reset                   all plugged in, no faults, controls at their defaults";
 
-/// A line that is no command, or one that cannot be done.
+/// A line that is not a command, or a command that cannot be executed.
 #[derive(Debug, Error)]
 pub enum CommandError {
-    /// Not written as [`HELP`] says.
+    /// The line does not follow [`HELP`].
     #[error("no such command: {line}")]
     Unknown {
-        /// What it was.
+        /// The line.
         line: String,
     },
-    /// The bus said no.
+    /// The bus refused the command.
     #[error(transparent)]
     Bus(#[from] BusError),
 }
 
-/// Does what a line says and answers it.
+/// Executes a command and returns the answer.
 ///
 /// # Errors
-/// It is no command, or cannot be done now.
+/// The line is not a command, or the command cannot be executed now.
 pub fn execute(bus: &mut Bus, line: &str) -> Result<String, CommandError> {
     let unknown = || CommandError::Unknown {
         line: line.to_owned(),
@@ -75,7 +75,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn faults_are_set_and_nonsense_is_named() {
+    fn commands_set_faults_and_unknown_ones_are_refused() {
         let mut bus = Bus::default();
         for line in [
             "errors scene 3",

@@ -44,7 +44,7 @@ struct Control {
     key: Key,
     size: usize,
     range: [i32; 2],
-    /// Of the exposure mode: the modes that there are, as bits.
+    /// For the exposure mode: the supported modes, as bits.
     step: i32,
     default: i32,
     current: i32,
@@ -80,7 +80,7 @@ const TABLE: [Control; 12] = [
 pub struct Controls {
     controls: [Control; 12],
     last_error: u8,
-    /// Pictures made so far: what automatic modes go by.
+    /// Number of pictures made so far, from which automatic modes derive their values.
     frames: u32,
     changed: bool,
 }
@@ -100,8 +100,8 @@ impl Controls {
     /// Answers a class request to the control interface: data, or nothing for a SET.
     ///
     /// # Errors
-    /// No such control or request, or the control is disabled; the request error code,
-    /// which the kernel asks for next, says which.
+    /// There is no such control or request, or the control is disabled. The request error code,
+    /// which the kernel asks for next, tells which.
     pub fn request(&mut self, setup: &Setup, data: &[u8]) -> Result<Vec<u8>, Stall> {
         let key = ((setup.index >> 8) as u8, (setup.value >> 8) as u8);
         if key == ERROR_CODE && setup.request == GET_CUR {
@@ -123,7 +123,7 @@ impl Controls {
             GET_RES => control.step,
             GET_DEF => control.default,
             GET_LEN => return Ok(vec![control.size as u8, 0]),
-            // GET and SET; disabled by an automatic mode.
+            // Bits: GET, SET, disabled by an automatic mode.
             GET_INFO => return Ok(vec![if disabled { 0x07 } else { 0x03 }]),
             _ => return Err(Stall),
         };
@@ -155,7 +155,7 @@ impl Controls {
         Ok(())
     }
 
-    /// Whether an automatic mode keeps this control from being set.
+    /// Whether an automatic mode disables this control.
     fn is_automatic(&self, key: Key) -> bool {
         match key {
             EXPOSURE => self.value(EXPOSURE_MODE) != MANUAL,
@@ -165,8 +165,8 @@ impl Controls {
         }
     }
 
-    /// What an automatic mode chooses: never at rest, by half a stop and by 900 K, so that a
-    /// camera that was not locked shows it within a second.
+    /// The value that an automatic mode chooses. It varies continuously, by half a stop or 900 K,
+    /// so that a camera whose controls are not locked shows it within a second.
     fn automatic(&self, key: Key) -> Option<i32> {
         let swing = (f64::from(self.frames) / 5.0).sin();
         match key {
@@ -186,7 +186,7 @@ impl Controls {
         automatic.unwrap_or_else(|| self.value(key))
     }
 
-    /// What the sensor is set to when the next picture begins.
+    /// The settings of the sensor for the next picture.
     pub fn settings(&mut self) -> Settings {
         self.frames = self.frames.wrapping_add(1);
         Settings {
@@ -198,7 +198,7 @@ impl Controls {
         }
     }
 
-    /// Whether any control was ever set.
+    /// Whether any control was set.
     #[must_use]
     pub fn is_changed(&self) -> bool {
         self.changed
@@ -220,7 +220,7 @@ mod tests {
     }
 
     #[test]
-    fn an_automatic_mode_disables_its_control_and_says_so() {
+    fn automatic_mode_disables_its_control_and_reports_it() {
         let mut controls = Controls::default();
         let exposure = 300_i32.to_le_bytes();
         assert_eq!(
@@ -249,7 +249,7 @@ mod tests {
     }
 
     #[test]
-    fn automatic_modes_never_rest() {
+    fn automatic_modes_keep_changing_their_values() {
         let mut controls = Controls::default();
         let seen: Vec<_> = (0..30).map(|_| controls.settings()).collect();
         let spread = |of: fn(&Settings) -> i32| {

@@ -1,22 +1,22 @@
-//! What a camera tells of itself when it is plugged in.
+//! The USB descriptors of a camera.
 //!
 //! Sources: Universal Serial Bus 2.0, chapter 9.6; USB Device Class Definition for Video
 //! Devices 1.0, chapter 3, and its payload documents "Uncompressed" and "Motion-JPEG".
 
 use crate::stream::{FORMATS, Format, PAYLOAD};
 
-/// A camera's names; with the serial number a replugged camera is known again.
+/// The names of a camera. The serial number identifies a replugged camera.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Identity {
     /// Model.
     pub product: &'static str,
     /// Serial number.
     pub serial: &'static str,
-    /// Whether it has a motor for its lens, with an automatic mode.
+    /// Whether it has a focus motor with an automatic mode.
     pub has_focus: bool,
 }
 
-/// The cameras of a rig. The environment camera's fisheye has nothing to focus.
+/// The cameras of a rig. The environment camera's fisheye lens has a fixed focus.
 pub const CAMERAS: [Identity; 2] = [
     Identity {
         product: "Scene Camera",
@@ -30,7 +30,7 @@ pub const CAMERAS: [Identity; 2] = [
     },
 ];
 
-/// Device descriptor: 1209:0001, which pid.codes keeps for tests; strings 1, 2 and 3.
+/// Device descriptor: 1209:0001, which pid.codes reserves for tests; strings 1, 2 and 3.
 pub const DEVICE: [u8; 18] = [
     18, 1, 0x00, 0x02, 0xef, 2, 1, 64, 0x09, 0x12, 0x01, 0x00, 0x00, 0x01, 1, 2, 3, 1,
 ];
@@ -50,20 +50,20 @@ pub fn string(identity: Identity, index: u8) -> Vec<u8> {
     descriptor
 }
 
-/// Configuration descriptor: a control interface, and a streaming interface over bulk.
+/// Configuration descriptor: a control interface, and a streaming interface with bulk transfer.
 #[must_use]
 pub fn configuration(identity: Identity) -> Vec<u8> {
     let control = control_interface(identity);
     let streaming = streaming_interface();
-    let mut whole = vec![9, 2, 0, 0, 2, 1, 0, 0x80, 250];
-    whole.extend([8, 0x0b, 0, 2, 0x0e, 3, 0, 2]); // both interfaces are one function
-    whole.extend([9, 4, 0, 0, 0, 0x0e, 1, 0, 2]);
-    whole.extend(control);
-    whole.extend([9, 4, 1, 0, 1, 0x0e, 2, 0, 0]);
-    whole.extend(streaming);
-    whole.extend([7, 5, 0x81, 2, 0x00, 0x02, 0]);
-    put_length(&mut whole, 2);
-    whole
+    let mut descriptor = vec![9, 2, 0, 0, 2, 1, 0, 0x80, 250];
+    descriptor.extend([8, 0x0b, 0, 2, 0x0e, 3, 0, 2]); // both interfaces are one function
+    descriptor.extend([9, 4, 0, 0, 0, 0x0e, 1, 0, 2]);
+    descriptor.extend(control);
+    descriptor.extend([9, 4, 1, 0, 1, 0x0e, 2, 0, 0]);
+    descriptor.extend(streaming);
+    descriptor.extend([7, 5, 0x81, 2, 0x00, 0x02, 0]);
+    put_length(&mut descriptor, 2);
+    descriptor
 }
 
 /// Camera terminal 1, processing unit 2 and the output towards the computer, 3.
@@ -141,7 +141,7 @@ fn put_length(descriptor: &mut [u8], at: usize) {
 
 const _: () = assert!(
     PAYLOAD.is_multiple_of(512),
-    "whole packets of a high-speed bulk endpoint"
+    "a multiple of the packet size of a high-speed bulk endpoint"
 );
 
 #[cfg(test)]
@@ -149,10 +149,10 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_configuration_is_a_chain_of_descriptors() {
+    fn configuration_is_a_chain_of_descriptors() {
         for identity in CAMERAS {
-            let whole = configuration(identity);
-            let mut rest = whole.as_slice();
+            let descriptor = configuration(identity);
+            let mut rest = descriptor.as_slice();
             while !rest.is_empty() {
                 assert!(
                     rest[0] >= 2 && usize::from(rest[0]) <= rest.len(),
@@ -161,8 +161,8 @@ mod tests {
                 rest = &rest[usize::from(rest[0])..];
             }
             assert_eq!(
-                usize::from(u16::from_le_bytes([whole[2], whole[3]])),
-                whole.len()
+                usize::from(u16::from_le_bytes([descriptor[2], descriptor[3]])),
+                descriptor.len()
             );
         }
     }

@@ -1,9 +1,9 @@
 //! A JPEG encoder for pictures of flat blocks.
 //!
-//! Each 16×16 block has one colour, so that all coefficients but the first are zero: a frame
-//! costs microseconds, which matters where the processor is emulated too. The file is a
+//! Each 16×16 block has one colour, so that all coefficients but the first are zero and a frame
+//! takes microseconds, which matters because the processor is emulated too. The file is a
 //! baseline JPEG, 4:2:0, full-range BT.601, as cameras send it. Source: ITU-T T.81, Annex B
-//! (markers), F (coding) and K.3 (the usual Huffman tables).
+//! (markers), F (coding) and K.3 (typical Huffman tables).
 
 /// Width and height of a block of one colour, pixels.
 pub const BLOCK: usize = 16;
@@ -11,8 +11,8 @@ pub const BLOCK: usize = 16;
 /// Full-range luma, blue difference, red difference.
 pub type YCbCr = [u8; 3];
 
-/// First entries of the usual tables: code lengths, then values. Codes are canonical, so the
-/// entries that are left out, and that flat blocks do not need, would not change these.
+/// First entries of the typical tables: code lengths, then values. Codes are canonical, so
+/// omitting the later entries, which flat blocks do not need, does not change these.
 struct HuffmanTable {
     class_and_id: u8,
     lengths: [u8; 16],
@@ -75,12 +75,12 @@ pub struct Blocks<'a> {
     pub width: u16,
     /// Rows.
     pub height: u16,
-    /// One colour a block; blocks at the right and lower edge may stick out.
+    /// One colour per block; blocks at the right and lower edge may extend beyond the picture.
     pub colours: &'a [YCbCr],
 }
 
-/// The picture as a file. Without its Huffman tables, which many cameras leave out, a decoder
-/// has to know the usual ones.
+/// Encodes the picture. Many cameras omit the Huffman tables; a decoder must then use the typical
+/// ones.
 #[must_use]
 pub fn encode(picture: &Blocks, with_tables: bool) -> Vec<u8> {
     let mut file = headers(picture.width, picture.height, with_tables);
@@ -105,8 +105,8 @@ pub fn encode(picture: &Blocks, with_tables: bool) -> Vec<u8> {
 fn headers(width: u16, height: u16, with_tables: bool) -> Vec<u8> {
     let mut file = vec![0xff, 0xd8];
     segment(&mut file, 0xe0, b"JFIF\0\x01\x01\0\0\x01\0\x01\0\0");
-    // A quantum of 8 for the mean of 8x8 values, which is coded as 8 times itself: one code
-    // value is one step.
+    // The DC coefficient is 8 times the mean of 8x8 values: with a quantum of 8, one code value is
+    // one step.
     let mut quanta = vec![0];
     quanta.extend([8; 64]);
     segment(&mut file, 0xdb, &quanta);
@@ -136,7 +136,7 @@ fn difference(value: u8, previous: u8) -> i32 {
     i32::from(value) - i32::from(previous)
 }
 
-/// Bits, the highest first; a byte of ones is followed by a zero byte, so that it is no marker.
+/// Writes bits, highest first. A byte FF is followed by a zero byte, so that it is no marker.
 struct Bits<'a> {
     file: &'a mut Vec<u8>,
     pending: u32,
@@ -197,7 +197,7 @@ mod tests {
     }
 
     #[test]
-    fn every_block_comes_back_exactly() {
+    fn blocks_decode_to_their_colours() {
         let colours = picture();
         let blocks = Blocks {
             width: 640,
@@ -223,7 +223,7 @@ mod tests {
     }
 
     #[test]
-    fn tables_are_left_out_where_asked() {
+    fn tables_are_omitted_on_request() {
         let colours = picture();
         let blocks = Blocks {
             width: 640,

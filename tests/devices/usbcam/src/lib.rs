@@ -1,14 +1,14 @@
 //! Emulated USB webcams, for tests against the kernel's own camera driver.
 //!
-//! Each camera speaks USB/IP to the kernel's virtual host controller (`vhci_hcd`) over a
-//! socket pair, so that usbcore and uvcvideo do with it what they do with a camera on a
-//! cable. [`usbip`] is that wire and [`link`] the order of its answers; [`descriptors`] is
-//! what the camera says it is; [`controls`] are its knobs, with their automatic modes;
-//! [`stream`] agrees on a format and cuts frames into payloads; [`picture`] is what the
-//! sensor sees, which [`jpeg`] spells; [`camera`] puts them together, [`bus`] plugs and
-//! unplugs, and [`command`] is what a test may ask for.
+//! Each camera speaks USB/IP to the kernel's virtual host controller (`vhci_hcd`) over a socket
+//! pair, so that usbcore and uvcvideo treat it like a camera on a cable. [`usbip`] encodes the
+//! messages and [`link`] orders the answers; [`descriptors`] holds the USB descriptors;
+//! [`controls`] the controls with their automatic modes; [`stream`] negotiates a format and
+//! splits frames into payloads; [`picture`] renders what the sensor sees, and [`jpeg`] encodes it;
+//! [`camera`] combines them, [`bus`] plugs and unplugs cameras, and [`command`] executes the
+//! commands of tests.
 
-// A test device has no rig to start its threads, and `main` alone would be too late to.
+// A test device has no rig that starts its threads, so it starts them itself.
 #![allow(clippy::disallowed_methods)]
 
 pub mod bus;
@@ -22,13 +22,13 @@ pub mod picture;
 pub mod stream;
 pub mod usbip;
 
-/// The request is one that the device does not know or cannot do now: USB's STALL.
+/// The device does not know the request or cannot carry it out now: USB's STALL.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Stall;
 
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-/// What a mutex holds, also after a thread died with it: a test sees that by its own means.
+/// Locks a mutex, even if it is poisoned: a test notices a dead thread by other means.
 pub(crate) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }

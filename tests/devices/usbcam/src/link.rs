@@ -1,10 +1,10 @@
 //! The order in which transfers are answered.
 //!
-//! `vhci_hcd` may send an UNLINK before the SUBMIT that it takes back (its transmitter sends
-//! from two queues), though SUBMITs themselves come in order. Answered at once, the device
-//! is lost or the kernel hangs in `usb_kill_urb`; so such an UNLINK waits for its SUBMIT. And
-//! a RET_SUBMIT after the RET_UNLINK of the same transfer makes the kernel drop the device;
-//! so the queue stays locked while an answer is written.
+//! `vhci_hcd` may send an UNLINK before the SUBMIT that it cancels (its transmitter sends from two
+//! queues), although SUBMITs themselves arrive in order. If it were answered at once, the device
+//! would be lost or the kernel would hang in `usb_kill_urb`; so such an UNLINK waits for its
+//! SUBMIT. A RET_SUBMIT after the RET_UNLINK of the same transfer makes the kernel drop the
+//! device; so the queue stays locked while an answer is written.
 
 use crate::lock;
 use crate::usbip::{UNLINKED, submit_reply, unlink_reply};
@@ -13,7 +13,7 @@ use std::io::{self, Write};
 use std::sync::{Condvar, Mutex, PoisonError};
 use std::time::Duration;
 
-/// The device's end of the wire.
+/// The device's end of the connection.
 pub struct Link<W> {
     queue: Mutex<Queue<W>>,
     arrived: Condvar,
@@ -21,16 +21,16 @@ pub struct Link<W> {
 
 struct Queue<W> {
     socket: W,
-    /// Transfers that wait for data: number, and bytes that the host takes.
+    /// Transfers that wait for data: number, and maximum number of bytes.
     waiting: VecDeque<(u32, usize)>,
     newest: u32,
-    /// UNLINKs that came before their SUBMIT: the number of the UNLINK by that of the SUBMIT.
+    /// UNLINKs that arrived before their SUBMIT: the number of the UNLINK by that of the SUBMIT.
     early: HashMap<u32, u32>,
     closed: bool,
 }
 
 impl<W: Write> Link<W> {
-    /// Over this socket.
+    /// Creates a link over this socket.
     pub fn new(socket: W) -> Self {
         Self {
             queue: Mutex::new(Queue {
@@ -44,10 +44,10 @@ impl<W: Write> Link<W> {
         }
     }
 
-    /// Notes that a transfer has come; `false` if it was taken back before, and is answered.
+    /// Accepts a transfer; `false` if it was cancelled before, and is answered.
     ///
     /// # Errors
-    /// The wire is cut.
+    /// The connection is closed.
     pub fn accept(&self, sequence: u32) -> io::Result<bool> {
         let mut queue = lock(&self.queue);
         queue.newest = sequence;
@@ -60,7 +60,7 @@ impl<W: Write> Link<W> {
     /// Answers a transfer now.
     ///
     /// # Errors
-    /// The wire is cut.
+    /// The connection is closed.
     pub fn answer(&self, sequence: u32, status: i32, actual: usize, data: &[u8]) -> io::Result<()> {
         lock(&self.queue).send(&submit_reply(sequence, status, actual, data))
     }
@@ -71,10 +71,10 @@ impl<W: Write> Link<W> {
         self.arrived.notify_all();
     }
 
-    /// Takes a transfer back.
+    /// Cancels a transfer.
     ///
     /// # Errors
-    /// The wire is cut.
+    /// The connection is closed.
     pub fn unlink(&self, sequence: u32, target: u32) -> io::Result<()> {
         let mut queue = lock(&self.queue);
         if target > queue.newest {
@@ -90,8 +90,8 @@ impl<W: Write> Link<W> {
         ))
     }
 
-    /// Answers the oldest kept transfer with `payload`, once there is one; `false` if none
-    /// came in time or the wire is cut.
+    /// Answers the oldest kept transfer with `payload`, as soon as there is one; `false` if none
+    /// arrives in time or the connection is closed.
     pub fn deliver(&self, payload: &[u8], timeout: Duration) -> bool {
         let mut queue = self.wait(timeout);
         let Some((sequence, length)) = queue.waiting.pop_front() else {
@@ -103,7 +103,7 @@ impl<W: Write> Link<W> {
             .is_ok()
     }
 
-    /// Whether a transfer waits for data, after `timeout` at most.
+    /// Waits up to `timeout` for a transfer that needs data; whether there is one.
     pub fn wanted(&self, timeout: Duration) -> bool {
         !self.wait(timeout).waiting.is_empty()
     }
@@ -117,7 +117,7 @@ impl<W: Write> Link<W> {
             .0
     }
 
-    /// Nothing goes over any more; kept transfers are forgotten.
+    /// Closes the connection and drops kept transfers.
     pub fn close(&self) {
         let mut queue = lock(&self.queue);
         queue.closed = true;
@@ -125,7 +125,7 @@ impl<W: Write> Link<W> {
         self.arrived.notify_all();
     }
 
-    /// Whether the wire is cut.
+    /// Whether the connection is closed.
     pub fn is_closed(&self) -> bool {
         lock(&self.queue).closed
     }
@@ -162,17 +162,17 @@ mod tests {
     }
 
     #[test]
-    fn an_unlink_waits_for_the_submit_that_it_takes_back() {
+    fn unlink_waits_for_the_submit_that_it_cancels() {
         let link = Link::new(Vec::new());
         assert!(link.accept(5).unwrap());
         link.unlink(9, 7).unwrap();
         assert_eq!(sent(&link), []);
-        assert!(!link.accept(7).unwrap(), "taken back before it came");
+        assert!(!link.accept(7).unwrap(), "cancelled before it arrived");
         assert_eq!(sent(&link), [(4, 9, UNLINKED)]);
     }
 
     #[test]
-    fn what_was_taken_back_gets_no_data() {
+    fn cancelled_transfer_gets_no_data() {
         let link = Link::new(Vec::new());
         for sequence in [1, 2] {
             link.accept(sequence).unwrap();

@@ -1,5 +1,5 @@
-//! `usbcam serve SOCKET` plugs the cameras in and takes commands; `usbcam send SOCKET COMMAND`
-//! gives one and prints the answer.
+//! `usbcam serve SOCKET` plugs the cameras in and executes commands; `usbcam send SOCKET COMMAND`
+//! sends one and prints the answer.
 
 use penumbra_usbcam::bus::Bus;
 use penumbra_usbcam::command::{HELP, execute};

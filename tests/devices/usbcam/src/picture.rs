@@ -1,34 +1,34 @@
-//! What the sensor sees, as its settings make it.
+//! Renders the picture of the sensor by its settings.
 //!
-//! A card of 24 patches stands before the camera: 18 colours and a ramp of greys. Exposure
-//! and gain scale their light, the white balance scales red against blue, and the picture is
-//! spelled in sRGB; so a test can tell from a frame what was in force when it was exposed.
-//! The two uppermost rows of blocks carry the frame's number, which no setting changes.
+//! The camera sees a card of 24 patches: 18 colours and a ramp of greys. Exposure and gain scale
+//! their light, the white balance scales red against blue, and the picture is encoded in sRGB. So
+//! a test can measure from a frame which settings were active during its exposure. The two
+//! uppermost rows of blocks encode the frame's number, which no setting changes.
 
 use crate::jpeg::{BLOCK, Blocks, YCbCr, encode};
 use crate::stream::{Format, Mode};
 use std::collections::VecDeque;
 
-/// What the sensor and its processor are set to.
+/// Settings of the sensor and its image processor.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Settings {
-    /// 100 µs.
+    /// Exposure time, 100 µs.
     pub exposure: i32,
-    /// [`GAIN_PER_STOP`] to the stop.
+    /// Gain, in steps of which [`GAIN_PER_STOP`] double the light.
     pub gain: i32,
-    /// Kelvin for which the picture is balanced.
+    /// White balance temperature, kelvin.
     pub temperature: i32,
     /// Added to the picture's code values.
     pub brightness: i32,
-    /// Spread of the code values around their middle; 32 leaves them as they are.
+    /// Contrast: scales the code values about their middle; 32 leaves them unchanged.
     pub contrast: i32,
 }
 
-/// Steps of the gain control that double the light; its default, 32, leaves it as it is.
+/// Steps of the gain control that double the light; its default, 32, leaves it unchanged.
 pub const GAIN_PER_STOP: f64 = 32.0;
-/// The exposure at which a white patch is just white.
+/// The exposure time at which a white patch just reaches white, 100 µs.
 pub const NORMAL_EXPOSURE: f64 = 157.0;
-/// The light's own temperature: balanced for it, greys are grey.
+/// Colour temperature of the light, kelvin: a white balance for it renders greys as grey.
 pub const LIGHT_TEMPERATURE: f64 = 5000.0;
 
 const COLUMNS: usize = 6;
@@ -60,7 +60,7 @@ const CARD: [[f64; 3]; COLUMNS * ROWS] = [
     [0.09, 0.09, 0.09],
     [0.03, 0.03, 0.03],
 ];
-/// Number of the grey of 18 %.
+/// Index of the patch with 18 % reflectance.
 pub const MIDDLE_GREY: usize = 21;
 
 const COUNTER_ROWS: usize = 2;
@@ -68,24 +68,25 @@ const COUNTER_BITS: usize = 32;
 const BIT_ON: YCbCr = [235, 128, 128];
 const BIT_OFF: YCbCr = [16, 128, 128];
 
-/// The settings of the frames before: a new value shows `lag` frames late, as in most cameras.
+/// Delays settings: a new value takes effect `lag` frames late, as in most cameras.
 #[derive(Default)]
 pub struct Sensor {
     history: VecDeque<Settings>,
     frames: u32,
 }
 
-/// One exposure: its number, and the settings that it was made with.
+/// One exposure: its number and its settings.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Shot {
     /// Counts from 0 when the camera is plugged in.
     pub number: u32,
-    /// What was in force.
+    /// Settings of the exposure.
     pub settings: Settings,
 }
 
 impl Sensor {
-    /// Exposes once. `now` is what the controls say; what is in force is `lag` frames older.
+    /// Takes one exposure. `now` are the present control values; the exposure uses those of `lag`
+    /// frames ago.
     pub fn expose(&mut self, now: Settings, lag: usize) -> Shot {
         self.history.push_front(now);
         self.history.truncate(lag + 1);
@@ -98,7 +99,7 @@ impl Sensor {
     }
 }
 
-/// The shot's frame, in the format of the stream.
+/// Encodes the shot in the format of the stream.
 #[must_use]
 pub fn develop(shot: Shot, mode: Mode, with_tables: bool) -> Vec<u8> {
     let blocks = draw(shot, mode.width, mode.height);
@@ -118,7 +119,7 @@ pub fn develop(shot: Shot, mode: Mode, with_tables: bool) -> Vec<u8> {
 fn draw(shot: Shot, width: u16, height: u16) -> Vec<YCbCr> {
     let across = usize::from(width).div_ceil(BLOCK);
     let down = usize::from(height).div_ceil(BLOCK);
-    let patches = CARD.map(|reflectance| spell(expose(reflectance, shot.settings)));
+    let patches = CARD.map(|reflectance| ycbcr_from_rgb(expose(reflectance, shot.settings)));
     let mut blocks = vec![BIT_OFF; across * down];
     for (index, block) in blocks.iter_mut().enumerate() {
         let (x, y) = (index % across, index / across);
@@ -138,7 +139,7 @@ fn draw(shot: Shot, width: u16, height: u16) -> Vec<YCbCr> {
 fn expose(reflectance: [f64; 3], settings: Settings) -> [f64; 3] {
     let stops = (f64::from(settings.gain) - GAIN_PER_STOP) / GAIN_PER_STOP;
     let light = f64::from(settings.exposure) / NORMAL_EXPOSURE * stops.exp2();
-    // A power of the temperatures' ratio stands for the ratio of the lights' red and blue.
+    // A power of the ratio of the temperatures approximates the ratio of red and blue light.
     let warmth = (f64::from(settings.temperature) / LIGHT_TEMPERATURE).powf(0.7);
     let balance = [warmth, 1.0, 1.0 / warmth];
     let offset = f64::from(settings.brightness) / 255.0;
@@ -157,7 +158,7 @@ fn srgb_from_linear(linear: f64) -> f64 {
 }
 
 /// Full-range BT.601.
-fn spell([r, g, b]: [f64; 3]) -> YCbCr {
+fn ycbcr_from_rgb([r, g, b]: [f64; 3]) -> YCbCr {
     let luma = 0.299 * r + 0.587 * g + 0.114 * b;
     let byte = |value: f64| (value * 255.0).round().clamp(0.0, 255.0) as u8;
     let centred = |value: f64| byte(value + 128.0 / 255.0);
@@ -187,7 +188,7 @@ fn yuyv(blocks: &[YCbCr], width: u16, height: u16) -> Vec<u8> {
     frame
 }
 
-/// Where a patch of the card is, as a point in its middle: column and row of the picture.
+/// Column and row of the centre of a patch in the picture.
 #[must_use]
 pub fn middle_of_patch(patch: usize, width: usize, height: usize) -> (usize, usize) {
     let top = COUNTER_ROWS * BLOCK;
@@ -196,15 +197,15 @@ pub fn middle_of_patch(patch: usize, width: usize, height: usize) -> (usize, usi
     (middle(patch % COLUMNS, COLUMNS, width), y)
 }
 
-/// The frame's number, read back from a picture's luma.
+/// Reads the frame's number from a picture's luma.
 #[must_use]
 pub fn number(luma: &[u8], width: usize) -> u32 {
     let bit = |index: usize| luma[BLOCK / 2 * width + index * BLOCK + BLOCK / 2] > 125;
     (0..COUNTER_BITS).fold(0, |number, index| number | u32::from(bit(index)) << index)
 }
 
-/// The light of a patch relative to its reflectance, read back from a code value of luma:
-/// 1 at [`NORMAL_EXPOSURE`]; a patch that is clipped says too little.
+/// The light of a patch relative to its reflectance, from a code value of luma: 1 at
+/// [`NORMAL_EXPOSURE`]; too low for a clipped patch.
 #[must_use]
 pub fn light(code: u8, reflectance: f64) -> f64 {
     let code = f64::from(code) / 255.0;
@@ -239,7 +240,7 @@ mod tests {
     }
 
     #[test]
-    fn a_frame_says_its_number_and_its_exposure() {
+    fn frame_encodes_its_number_and_its_exposure() {
         let shot = Shot {
             number: 0xdead_beef,
             settings: settings(314),
@@ -252,7 +253,7 @@ mod tests {
     }
 
     #[test]
-    fn settings_show_late_by_the_lag() {
+    fn settings_take_effect_after_the_lag() {
         let mut sensor = Sensor::default();
         sensor.expose(settings(100), 2);
         let shown: Vec<_> = (0..4)
@@ -262,7 +263,7 @@ mod tests {
     }
 
     #[test]
-    fn a_higher_temperature_makes_the_picture_warmer() {
+    fn higher_temperature_makes_the_picture_warmer() {
         let red_over_blue = |temperature| {
             let [r, _, b] = expose(
                 [0.18; 3],

@@ -1,4 +1,4 @@
-//! Agreeing on a format, and cutting frames into payloads.
+//! Negotiates a format and splits frames into payloads.
 //!
 //! Source: USB Device Class Definition for Video Devices 1.0: 4.3.1.1 (probe and commit) and
 //! 2.4.3.3 (payload headers).
@@ -8,12 +8,12 @@ use crate::controls::{GET_CUR, GET_DEF, GET_INFO, GET_LEN, GET_MAX, GET_MIN, SET
 use crate::usbip::Setup;
 use std::time::Duration;
 
-/// Bytes of a payload with its header: what the kernel asks for in one transfer.
+/// Bytes of a payload with its header: the size of the kernel's transfers.
 pub const PAYLOAD: usize = 16_384;
 const HEADER: usize = 2;
 const PROBE: usize = 26;
 
-/// How a frame spells its picture.
+/// Encoding of a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Format {
     /// 4:2:2, Y0 U Y1 V.
@@ -28,23 +28,23 @@ pub const FORMATS: [(Format, &[(u16, u16)]); 2] = [
     (Format::Mjpeg, &[(640, 480), (1280, 720)]),
 ];
 
-/// Times between frames, 100 ns: 30 and 15 frames a second.
+/// Frame intervals, 100 ns: 30 and 15 frames a second.
 pub const INTERVALS: [u32; 2] = [333_333, 666_666];
 
-/// What is streamed.
+/// Format, size and rate of the stream.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Mode {
-    /// How a frame spells its picture.
+    /// Encoding of a frame.
     pub format: Format,
     /// Pixels in a row.
     pub width: u16,
     /// Rows.
     pub height: u16,
-    /// Time from frame to frame.
+    /// Frame interval.
     pub interval: Duration,
 }
 
-/// What was agreed on: numbers of the format and of its size, and the time between frames.
+/// The negotiated mode: numbers of the format and of its size, and the frame interval.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Negotiation {
     format: usize,
@@ -66,7 +66,7 @@ impl Negotiation {
     /// Answers a class request to the streaming interface: data, or nothing for a SET.
     ///
     /// # Errors
-    /// No such request.
+    /// There is no such request.
     pub fn request(&mut self, setup: &Setup, data: &[u8]) -> Result<Vec<u8>, Stall> {
         match setup.request {
             SET_CUR => self.propose(data).map(|()| Vec::new()),
@@ -77,7 +77,7 @@ impl Negotiation {
         }
     }
 
-    /// Takes the nearest to what was asked for.
+    /// Selects the mode nearest to the requested one.
     fn propose(&mut self, block: &[u8]) -> Result<(), Stall> {
         let [_, _, format, size, a, b, c, d, ..] = *block else {
             return Err(Stall);
@@ -102,7 +102,7 @@ impl Negotiation {
         block
     }
 
-    /// What is to be streamed.
+    /// The negotiated mode.
     #[must_use]
     pub fn mode(&self) -> Mode {
         let (format, sizes) = FORMATS[self.format - 1];
@@ -116,8 +116,8 @@ impl Negotiation {
     }
 }
 
-/// The payloads of one frame. `parity` changes from frame to frame; `damaged` sets the error
-/// bit of every header.
+/// Splits a frame into payloads. `parity` alternates from frame to frame; `damaged` sets the
+/// error bit of every header.
 pub fn payloads(frame: &[u8], parity: bool, damaged: bool) -> impl Iterator<Item = Vec<u8>> {
     let size = PAYLOAD - HEADER;
     let last = frame.len().div_ceil(size).max(1) - 1;
@@ -136,7 +136,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_last_payload_ends_the_frame() {
+    fn last_payload_ends_the_frame() {
         let frame = vec![9; PAYLOAD];
         let flags: Vec<_> = payloads(&frame, true, false).map(|p| p[1]).collect();
         assert_eq!(flags, [0x81, 0x83]);
@@ -145,7 +145,7 @@ mod tests {
     }
 
     #[test]
-    fn a_proposal_is_taken_to_the_nearest_that_there_is() {
+    fn proposal_selects_the_nearest_mode() {
         let mut negotiation = Negotiation::default();
         let mut block = negotiation.block();
         block[2..4].copy_from_slice(&[9, 9]);

@@ -1,7 +1,7 @@
 //! USB/IP messages between the kernel's virtual host controller and a device.
 //!
-//! Source: Documentation/usb/usbip_protocol.rst of the kernel, "USBIP_CMD_SUBMIT" and what
-//! follows it. Every number is big-endian but the setup packet, which is as on the wire.
+//! Source: Documentation/usb/usbip_protocol.rst of the kernel, from "USBIP_CMD_SUBMIT" on. All
+//! numbers are big-endian except those of the setup packet, which is as on a USB cable.
 
 use std::io::{self, Read};
 
@@ -16,34 +16,34 @@ pub const STALLED: i32 = -32;
 /// Status of an UNLINK that came in time: -ECONNRESET.
 pub const UNLINKED: i32 = -104;
 
-/// What the kernel asks for.
+/// A request of the kernel.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Request {
     /// A transfer.
     Submit(Submit),
-    /// Takes a transfer back.
+    /// Cancels a transfer.
     Unlink {
         /// The number of this request.
         sequence: u32,
-        /// The number of the transfer.
+        /// The number of the transfer to cancel.
         target: u32,
     },
 }
 
-/// A transfer: its number, where to, and what it carries.
+/// A transfer: its number, its endpoint and its data.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Submit {
-    /// Its number; later transfers have higher ones.
+    /// Number; later transfers have higher ones.
     pub sequence: u32,
-    /// Whether the data go from the device to the computer.
+    /// Whether the data go from the device to the host.
     pub to_host: bool,
-    /// 0 is the control endpoint.
+    /// Endpoint; 0 is the control endpoint.
     pub endpoint: u32,
-    /// Bytes that the computer takes or sends.
+    /// Bytes that the host accepts or sends.
     pub length: usize,
     /// The setup packet, for the control endpoint.
     pub setup: Setup,
-    /// What the computer sends.
+    /// Data from the host.
     pub data: Vec<u8>,
 }
 
@@ -52,13 +52,13 @@ pub struct Submit {
 pub struct Setup {
     /// Direction, type and recipient.
     pub kind: u8,
-    /// What is asked for.
+    /// Request code.
     pub request: u8,
     /// Its parameter.
     pub value: u16,
-    /// Interface or endpoint, and what is within.
+    /// Interface or endpoint, and the unit within it.
     pub index: u16,
-    /// Bytes that the data have at most.
+    /// Maximum length of the data, bytes.
     pub length: u16,
 }
 
@@ -78,7 +78,7 @@ impl From<[u8; 8]> for Setup {
 /// Reads one request.
 ///
 /// # Errors
-/// The socket is closed, or what comes is no USB/IP.
+/// The socket is closed, or the data are no USB/IP request.
 pub fn read_request(socket: &mut impl Read) -> io::Result<Request> {
     let mut header = [0; HEADER];
     socket.read_exact(&mut header)?;
@@ -110,7 +110,7 @@ fn read_submit(socket: &mut impl Read, header: &[u8; 48], sequence: u32) -> io::
     })
 }
 
-/// The answer to a transfer: how it went, how many bytes went over, and those for the host.
+/// Encodes the answer to a transfer: status, number of bytes transferred, and data for the host.
 #[must_use]
 pub fn submit_reply(sequence: u32, status: i32, actual: usize, data: &[u8]) -> Vec<u8> {
     let mut message = reply(RET_SUBMIT, sequence, status);
@@ -119,7 +119,7 @@ pub fn submit_reply(sequence: u32, status: i32, actual: usize, data: &[u8]) -> V
     message
 }
 
-/// The answer to an UNLINK: [`UNLINKED`], or 0 where the transfer had been answered before.
+/// Encodes the answer to an UNLINK: [`UNLINKED`], or 0 if the transfer was answered before.
 #[must_use]
 pub fn unlink_reply(sequence: u32, status: i32) -> Vec<u8> {
     reply(RET_UNLINK, sequence, status)

@@ -1,5 +1,3 @@
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
-
 use super::*;
 use crate::units::METRES_PER_CENTIMETRE;
 use glam::DQuat;

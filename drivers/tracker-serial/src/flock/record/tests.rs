@@ -1,4 +1,3 @@
-#![allow(clippy::unwrap_used, clippy::expect_used)]
 use super::*;
 
 /// A record of a real device (IGSTK, see tests/fixtures/tracker/ORIGIN.md).

@@ -1,4 +1,3 @@
-#![allow(clippy::unwrap_used, clippy::expect_used)]
 use super::*;
 
 fn record(station: u8, command: u8, values: &[f32]) -> Vec<u8> {
@@ -32,7 +31,7 @@ fn a_record_is_read_by_its_declared_size() {
 }
 
 #[test]
-fn models_answers_and_error_letters_are_told_apart() {
+fn distinguishes_models_answers_and_error_letters() {
     for (model, good) in [(b"LY", true), (b"LU", true), (b"PA", true), (b"PY", false)] {
         let mut bytes = record(1, b'C', &AHEAD);
         bytes[..2].copy_from_slice(model);

@@ -30,7 +30,7 @@ prop_compose! {
 
 proptest! {
     #[test]
-    fn a_port_that_changes_any_setting_is_found_out(
+    fn any_changed_setting_is_detected(
         requested in settings(), actual in settings(), which in 0..5,
     ) {
         let mut taken = requested;
@@ -56,12 +56,12 @@ proptest! {
 }
 
 #[test]
-fn a_rate_may_be_off_by_what_a_divisor_is_off() {
+fn rate_may_deviate_by_the_error_of_a_divisor() {
     let met = |requested, actual| {
         let requested = LineSettings::new(requested, Parity::None);
         requested.are_met_by(LineSettings::new(actual, Parity::None))
     };
-    // What an FTDI chip makes of 115200, and what a plain PC port makes of 128000.
+    // The actual rates of an FTDI chip for 115200 and of a PC port for 128000.
     assert!(met(115_200, 115_385));
     assert!(!met(128_000, 115_200));
     assert!(!met(115_200, 9_600));
@@ -69,7 +69,7 @@ fn a_rate_may_be_off_by_what_a_divisor_is_off() {
 }
 
 #[test]
-fn settings_are_written_as_people_write_them() {
+fn settings_are_printed_in_common_notation() {
     let settings = LineSettings::new(38_400, Parity::Odd);
     assert_eq!(settings.to_string(), "38400 baud, 8O1");
     let other = LineSettings {

@@ -1,4 +1,4 @@
-#![allow(clippy::unwrap_used, clippy::expect_used)]
+#![expect(clippy::unwrap_used)]
 use super::*;
 
 fn usb_port(path: &str, (vid, pid): (u16, u16), product: &str) -> SerialPortInfo {

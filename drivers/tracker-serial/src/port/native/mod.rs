@@ -1,5 +1,4 @@
-//! What differs between systems: the handle of an open port, reading from it with a time
-//! limit, and writing to it.
+//! System-dependent parts: the handle of an open port, reading with a time limit, and writing.
 //!
 //! Both systems offer the same functions: `preflight` before `serialport` opens the port,
 //! `prepare` after it, then `read` and `write_all`.

@@ -1,4 +1,4 @@
-//! Unix: `serialport` opens and configures, reading and writing are done here.
+//! Unix: `serialport` opens and configures; this module reads and writes.
 //!
 //! `serialport`'s own `read` takes POLLIN and POLLHUP together for an error and so loses the
 //! bytes that came just before a hang-up. Its `write` blocks without limit when a port takes
@@ -17,15 +17,15 @@ use std::time::Duration;
 /// An open serial port.
 pub type NativePort = TTYPort;
 
-/// Opens `path` without configuring it and checks that it is a terminal that nobody else has
+/// Opens `path` without configuring it and checks that it is a terminal that no other program has
 /// locked. Keep the result until the port itself is open, so that the modem lines stay up.
 ///
-/// `serialport` alone would not do: its errors carry no error number, which tells an unplugged
-/// port from a file that is no port. And when it does not get the lock, it clears the
+/// `serialport` alone is not sufficient: its errors have no error number, which distinguishes an
+/// unplugged port from a file that is no port. And if it does not get the lock, it clears the
 /// exclusive mode that the other program has set.
 ///
 /// # Errors
-/// What the system says; `ResourceBusy` if another program has the port.
+/// The system cannot open it, or it is no terminal; `ResourceBusy` if another program has the port.
 pub fn preflight(path: &Path) -> io::Result<Preflight> {
     let flags = OFlags::RDWR | OFlags::NOCTTY | OFlags::NONBLOCK | OFlags::CLOEXEC;
     let port = rustix::fs::open(path, flags, Mode::empty())?;
@@ -56,18 +56,18 @@ pub fn is_pseudo_terminal(path: &Path) -> bool {
     name.starts_with("/dev/pts/") || (cfg!(target_os = "macos") && name.starts_with("/dev/ttys"))
 }
 
-/// Makes a port that `serialport` has configured ready for [`read`] and [`write_all`].
+/// Prepares a port that `serialport` has configured for [`read`] and [`write_all`].
 ///
 /// # Errors
-/// What the system says.
+/// The system cannot set its attributes.
 pub fn prepare(port: &NativePort) -> io::Result<()> {
     let port = descriptor(port);
     rustix::fs::fcntl_setfl(port, rustix::fs::fcntl_getfl(port)? | OFlags::NONBLOCK)?;
     pass_damaged_bytes(port)
 }
 
-/// Drops breaks, and passes bytes with a wrong parity on as they are: a protocol's checksum
-/// judges them better than the kernel, which would put a zero in the place of either.
+/// Drops breaks, and passes bytes with a wrong parity on unchanged: a protocol's checksum handles
+/// them better than the kernel, which would replace either by a zero.
 #[cfg(target_os = "linux")]
 fn pass_damaged_bytes(port: BorrowedFd<'_>) -> io::Result<()> {
     use rustix::termios::{InputModes, OptionalActions, tcgetattr, tcsetattr};
@@ -83,8 +83,8 @@ fn pass_damaged_bytes(_port: BorrowedFd<'_>) -> io::Result<()> {
     Ok(())
 }
 
-/// Waits up to `timeout` for bytes and reads what is there: how many, and when. `None` if none
-/// came.
+/// Waits up to `timeout` for bytes and reads the available ones; returns their number and the time,
+/// `None` if there are none.
 ///
 /// # Errors
 /// `BrokenPipe` once the other end has hung up and everything has been read.
@@ -107,7 +107,7 @@ fn read_from(
     let read = rustix::io::retry_on_intr(|| rustix::io::read(port, &mut *buffer));
     let arrived_at = SystemClock.now();
     match read {
-        // Readable and nothing there: the other end is gone. Reading on would spin.
+        // Readable but empty: the other end has disconnected. Reading again would spin.
         Ok(0) => Err(ErrorKind::BrokenPipe.into()),
         Ok(count) => Ok(Some((count, arrived_at))),
         Err(Errno::AGAIN) => Ok(None),
@@ -115,7 +115,7 @@ fn read_from(
     }
 }
 
-/// Whether an error says that a USB adapter has been pulled out or that the other end of a
+/// Whether an error means that a USB adapter has been unplugged or that the other end of a
 /// pseudo-terminal is closed.
 pub fn is_gone(error: &io::Error) -> bool {
     let numbers = [Errno::IO, Errno::NXIO, Errno::NODEV, Errno::PIPE];
@@ -129,7 +129,7 @@ pub fn is_gone(error: &io::Error) -> bool {
 /// Writes all of `bytes`.
 ///
 /// # Errors
-/// `TimedOut` if the port takes nothing for `timeout`; what the system says.
+/// `TimedOut` if the port accepts nothing for `timeout`; else the system's error.
 pub fn write_all(port: &mut NativePort, bytes: &[u8], timeout: Duration) -> io::Result<()> {
     write_all_to(descriptor(port), bytes, timeout)
 }
@@ -167,7 +167,7 @@ fn wait(port: BorrowedFd<'_>, events: PollFlags, timeout: Duration) -> io::Resul
             Err(Errno::INTR) => {}
             Err(error) => return Err(error.into()),
             Ok(0) => return Ok(false),
-            // Also when a hang-up is reported with it: what has arrived is read first.
+            // Also if a hang-up is reported at the same time: arrived bytes are read first.
             Ok(_) if polled[0].revents().contains(events) => return Ok(true),
             Ok(_) => return Err(ErrorKind::BrokenPipe.into()),
         }

@@ -16,8 +16,8 @@ pub struct Preflight {
 }
 
 impl Preflight {
-    /// Whether the system has no port of that name. `serialport` reports a port that is absent
-    /// and one that is in use alike.
+    /// Whether the system has no port of that name. `serialport` gives the same error for an absent
+    /// port and for a port in use.
     pub fn is_gone(&self) -> bool {
         let ports = serialport::available_ports().unwrap_or_default();
         !ports
@@ -38,7 +38,7 @@ pub fn preflight(path: &Path) -> io::Result<Preflight> {
     })
 }
 
-/// Whether an error says that the port is gone.
+/// Whether an error means that the port is disconnected.
 pub fn is_gone(error: &io::Error) -> bool {
     matches!(
         error.kind(),
@@ -46,7 +46,7 @@ pub fn is_gone(error: &io::Error) -> bool {
     )
 }
 
-/// There are none.
+/// Windows has no pseudo-terminals.
 pub const fn is_pseudo_terminal(_path: &Path) -> bool {
     false
 }
@@ -59,11 +59,11 @@ pub const fn prepare(_port: &NativePort) -> io::Result<()> {
     Ok(())
 }
 
-/// Waits up to `timeout` for bytes and reads what is there: how many, and when. `None` if none
-/// came.
+/// Waits up to `timeout` for bytes and reads the available ones; returns their number and the time,
+/// `None` if there are none.
 ///
 /// # Errors
-/// What the system says.
+/// The system reports a failed read.
 pub fn read(
     port: &mut NativePort,
     buffer: &mut [u8],
@@ -83,7 +83,7 @@ pub fn read(
 /// Writes all of `bytes`.
 ///
 /// # Errors
-/// `TimedOut` if the port takes nothing for `timeout`; what the system says.
+/// `TimedOut` if the port accepts nothing for `timeout`; else the system's error.
 pub fn write_all(port: &mut NativePort, bytes: &[u8], timeout: Duration) -> io::Result<()> {
     limit(port, timeout)?;
     let mut rest = bytes;

@@ -1,4 +1,4 @@
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+#![expect(clippy::unwrap_used)]
 use super::*;
 use crate::port::testing::PtyPair;
 use proptest::prelude::*;
@@ -8,14 +8,14 @@ use std::os::unix::fs::PermissionsExt;
 use std::os::unix::process::CommandExt;
 use std::process::{Command, Stdio};
 
-const USUAL: LineSettings = LineSettings::new(115_200, Parity::None);
+const DEFAULT: LineSettings = LineSettings::new(115_200, Parity::None);
 
 fn open_at(path: &Path, settings: LineSettings) -> Result<NativePort, DeviceError> {
     open_port(&path.to_string_lossy(), path, settings)
 }
 
 /// Whether the system refuses to open the port, as it does in exclusive mode. It never refuses
-/// root, who asks as another user.
+/// root, so root asks as another user.
 fn is_exclusive(path: &Path) -> bool {
     let opened = OpenOptions::new().read(true).write(true).open(path);
     if let Err(error) = opened {
@@ -35,55 +35,55 @@ fn is_exclusive(path: &Path) -> bool {
 fn an_open_port_is_exclusive_until_it_is_dropped() {
     let pty = PtyPair::open();
     assert!(!is_exclusive(&pty.path));
-    let port = open_at(&pty.path, USUAL).unwrap();
+    let port = open_at(&pty.path, DEFAULT).unwrap();
     assert!(is_exclusive(&pty.path));
     // A refused attempt must leave the port to its holder.
-    let error = open_at(&pty.path, USUAL).unwrap_err().to_string();
+    let error = open_at(&pty.path, DEFAULT).unwrap_err().to_string();
     assert!(error.contains("busy"), "{error}");
     assert!(is_exclusive(&pty.path));
     drop(port);
     assert!(!is_exclusive(&pty.path));
-    open_at(&pty.path, USUAL).unwrap();
+    open_at(&pty.path, DEFAULT).unwrap();
 }
 
 #[test]
 fn a_port_whose_device_is_gone_is_not_found() {
     let PtyPair { device, path, .. } = PtyPair::open();
     drop(device);
-    let error = open_at(&path, USUAL).unwrap_err();
+    let error = open_at(&path, DEFAULT).unwrap_err();
     assert!(matches!(error, DeviceError::NotFound { .. }), "{error}");
 }
 
 #[test]
-fn errors_are_told_apart_by_whether_trying_again_helps() {
+fn recoverable_errors_are_distinguished() {
     let pty = PtyPair::open();
     let preflight = native::preflight(&pty.path).unwrap();
-    let told = |kind| {
+    let message = |kind| {
         let error = serialport::Error::new(kind, "reason");
         configure_error("port", &pty.path, &error, &preflight).to_string()
     };
-    assert!(told(serialport::ErrorKind::NoDevice).contains("busy"));
-    assert!(told(serialport::ErrorKind::Unknown).contains("cannot be set up"));
+    assert!(message(serialport::ErrorKind::NoDevice).contains("busy"));
+    assert!(message(serialport::ErrorKind::Unknown).contains("cannot be set up"));
     drop(pty.device);
-    assert!(told(serialport::ErrorKind::Unknown).contains("not there"));
+    assert!(message(serialport::ErrorKind::Unknown).contains("not connected"));
     let error = preflight_error("port", &pty.path, &ErrorKind::PermissionDenied.into());
     assert_eq!(error.recovery(), penumbra_interface::Recovery::Reopen);
 }
 
 #[test]
-fn a_rate_of_zero_would_hang_up_and_is_refused() {
+fn rate_of_zero_is_refused() {
     let pty = PtyPair::open();
     let error = open_at(&pty.path, LineSettings::new(0, Parity::None)).unwrap_err();
     assert!(error.to_string().contains("set another `baud`"), "{error}");
-    open_at(&pty.path, USUAL).unwrap();
+    open_at(&pty.path, DEFAULT).unwrap();
 }
 
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(64))]
 
-    /// A pseudo-terminal takes some of them, and ignores others without an error.
+    /// A pseudo-terminal accepts some settings and ignores others without an error.
     #[test]
-    fn any_settings_are_taken_or_refused_and_leave_the_port_usable(
+    fn any_settings_are_accepted_or_refused_and_leave_the_port_usable(
         baud in prop_oneof![any::<u32>(), 0..200_000u32],
         parity in prop::sample::select(vec![Parity::None, Parity::Odd, Parity::Even]),
     ) {
@@ -91,13 +91,13 @@ proptest! {
         match open_at(&pty.path, LineSettings::new(baud, parity)) {
             Ok(port) => {
                 prop_assert_eq!(port.baud_rate().unwrap(), baud);
-                prop_assert!(open_at(&pty.path, USUAL).is_err());
+                prop_assert!(open_at(&pty.path, DEFAULT).is_err());
             }
             Err(error) => {
                 let text = error.to_string();
                 prop_assert!(text.starts_with("/dev/pts/") && !text.contains('\n'), "{}", text);
             }
         }
-        prop_assert!(open_at(&pty.path, USUAL).is_ok());
+        prop_assert!(open_at(&pty.path, DEFAULT).is_ok());
     }
 }

@@ -1,4 +1,3 @@
-#![allow(clippy::unwrap_used, clippy::expect_used)]
 use super::*;
 use crate::format::AnyDecoder;
 use proptest::prelude::*;
@@ -97,7 +96,7 @@ fn the_greeting_is_a_cookie_and_two_names() {
 
 proptest! {
     #[test]
-    fn splits_do_not_matter(cuts in prop::collection::vec(0usize..1000, 0..12)) {
+    fn result_does_not_depend_on_splits(cuts in prop::collection::vec(0usize..1000, 0..12)) {
         let stream = [server(), pos_quat(1, 4, 0, 1.0), pos_quat(1, 4, 0, 2.0)].concat();
         let mut cuts: Vec<_> = cuts.into_iter().map(|cut| cut.min(stream.len())).collect();
         cuts.extend([0, stream.len()]);
@@ -110,7 +109,7 @@ proptest! {
     }
 
     #[test]
-    fn arbitrary_bytes_never_break_it(bytes in prop::collection::vec(any::<u8>(), 0..600)) {
+    fn arbitrary_bytes_do_not_panic(bytes in prop::collection::vec(any::<u8>(), 0..600)) {
         let (mut client, mut messages) = (Client::new("T"), Vec::new());
         client.push(&server(), &mut messages).unwrap();
         let _ = client.push(&bytes, &mut messages);

@@ -1,5 +1,5 @@
-//! Whether the guest is what the other tests take it for: these use the kernel directly.
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+//! Checks the devices of the guest, on which the other tests rely, by using the kernel directly.
+#![expect(clippy::unwrap_used)]
 #![allow(clippy::disallowed_methods)] // a test has no rig to start its threads
 
 mod serial_port;

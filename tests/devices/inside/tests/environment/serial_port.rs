@@ -23,10 +23,10 @@ fn carries_bytes_and_notices_its_unplugging() {
     plug_tracker(false);
     assert!(
         matches!(port.read(&mut got), Ok(0) | Err(_)),
-        "a read ends when the plug is pulled"
+        "a read ends when the cable is unplugged"
     );
     drop(port);
-    wait_until("its name is gone", || !Path::new(TRACKER).exists());
+    wait_until("its link is removed", || !Path::new(TRACKER).exists());
     plug_tracker(true);
-    wait_until("its name is back", || Path::new(TRACKER).exists());
+    wait_until("its link is restored", || Path::new(TRACKER).exists());
 }

@@ -1,4 +1,4 @@
-//! Emulated USB cameras on the kernel's UVC driver: controls, and what they do.
+//! Emulated USB cameras on the kernel's UVC driver: controls and their effects.
 
 use super::locked;
 use penumbra_guest::rig::{ENVIRONMENT, Reading, SCENE, read_jpeg, ready, usbcam};
@@ -42,14 +42,14 @@ fn controls_obey_their_automatic_modes() {
         assert_eq!(camera.get(id), Ok(value));
     }
     camera.set(GAIN, 9999).unwrap();
-    assert_eq!(camera.get(GAIN), Ok(255), "clamped without a word");
+    assert_eq!(camera.get(GAIN), Ok(255), "clamped without an error");
     let environment = Camera::open(Path::new(ENVIRONMENT)).unwrap();
     assert!(camera.get(FOCUS).is_ok() && environment.get(FOCUS) == Err(Errno::INVAL));
 }
 
 #[test]
 #[ignore = "needs the guest: make test-devices"]
-fn tells_one_program_what_another_changed() {
+fn reports_changes_of_controls_by_other_programs() {
     ready();
     let [watching, other] = [(); 2].map(|()| Camera::open(Path::new(SCENE)).unwrap());
     watching.watch(GAIN).unwrap();
@@ -61,7 +61,7 @@ fn tells_one_program_what_another_changed() {
 
 #[test]
 #[ignore = "needs the guest: make test-devices"]
-fn frames_show_what_they_were_exposed_with() {
+fn frames_encode_their_exposure() {
     ready();
     let camera = locked();
     let mut stream = camera.stream().unwrap();
@@ -85,13 +85,13 @@ fn frames_show_what_they_were_exposed_with() {
 
 #[test]
 #[ignore = "needs the guest: make test-devices"]
-fn settings_show_late_by_the_lag() {
+fn settings_take_effect_after_the_lag() {
     ready();
     let camera = locked();
     let mut stream = camera.stream().unwrap();
     usbcam("lag scene 6");
     stream.take(8);
-    // A frame that begins after the control was set may be exposed with it.
+    // A frame that begins after the control was set may be exposed with the new value.
     let before = usbcam("state scene");
     camera.set(EXPOSURE_TIME, 314).unwrap();
     let set_after: u32 = before
@@ -104,10 +104,10 @@ fn settings_show_late_by_the_lag() {
     let first = frames
         .iter()
         .find(|frame| frame.light > 1.5)
-        .expect("the exposure shows");
+        .expect("a frame with the new exposure");
     let late = first.number - set_after;
     assert!(
         (7..=10).contains(&late),
-        "shows {late} frames later: {frames:?}"
+        "takes effect {late} frames later: {frames:?}"
     );
 }

@@ -36,7 +36,7 @@ fn frames_are_damaged_with_a_flag_or_cut_without() {
     assert_eq!(cut, 3);
     assert!(
         frames.iter().all(|frame| !frame.damaged),
-        "the driver cannot know"
+        "the driver cannot detect it"
     );
 }
 
@@ -56,7 +56,7 @@ fn falls_silent_when_frozen() {
 
 #[test]
 #[ignore = "needs the guest: make test-devices"]
-fn comes_back_while_the_other_streams() {
+fn replugged_camera_returns_while_the_other_streams() {
     ready();
     let camera = open(SCENE, 1280, 720, b"MJPG");
     let other = open(ENVIRONMENT, 640, 480, b"YUYV");
@@ -68,9 +68,9 @@ fn comes_back_while_the_other_streams() {
     others.take(3);
     drop(stream);
     drop(camera);
-    wait_until("its name is gone", || !Path::new(SCENE).exists());
+    wait_until("its link is removed", || !Path::new(SCENE).exists());
     usbcam("plug scene");
-    wait_until("its name is back", || Path::new(SCENE).exists());
+    wait_until("its link is restored", || Path::new(SCENE).exists());
     open(SCENE, 1280, 720, b"MJPG").stream().unwrap().take(3);
     others.take(3);
 }

@@ -30,7 +30,7 @@ fn streams_from_two_cameras_at_once() {
 
 #[test]
 #[ignore = "needs the guest: make test-devices"]
-fn has_faults_when_told() {
+fn vivid_produces_requested_faults() {
     let node = &vivid()[0];
     let camera = open(node, 320, 180, b"YUYV");
     let mut stream = camera.stream().unwrap();
@@ -53,6 +53,6 @@ fn has_faults_when_told() {
     camera.set(VIVID_DISCONNECT, 1).unwrap();
     assert_eq!(stream.error_within(6), Some(Errno::NODEV));
     drop(stream);
-    drop(camera); // the last one to close it connects it again
+    drop(camera); // closing the last handle reconnects it
     open(node, 320, 180, b"YUYV").stream().unwrap().take(3);
 }

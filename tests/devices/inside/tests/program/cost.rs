@@ -1,4 +1,4 @@
-//! What capturing costs the processor.
+//! Processor time of capturing.
 
 use crate::record::monotonic_nanos;
 use crate::setup::{Recorder, start};
@@ -31,7 +31,7 @@ fn two_cameras() -> Recorder {
     start("cost", &config, &[])
 }
 
-/// Arrivals between two instants.
+/// Number of arrivals between two instants.
 fn between(entries: &[Entry], from: u64, to: u64) -> usize {
     let within = |entry: &&Entry| (from..to).contains(&entry.arrived);
     entries.iter().filter(within).count()
@@ -39,7 +39,7 @@ fn between(entries: &[Entry], from: u64, to: u64) -> usize {
 
 #[test]
 #[ignore = "needs the guest: make test-devices"]
-fn capturing_two_cameras_leaves_the_processor_to_others() {
+fn capturing_two_cameras_uses_little_processor_time() {
     let recorder = two_cameras();
     wait_until("both cameras stream", || {
         let both = ["scene-camera", "env-camera"];
@@ -60,7 +60,7 @@ fn capturing_two_cameras_leaves_the_processor_to_others() {
         let frames = between(stream(&streams, topic), from, to);
         let spent = (after[thread] - before[thread]) as f64;
         let (each, share) = (spent * 1e-6 / frames as f64, spent / (to - from) as f64);
-        // The suite shows this line.
+        // The suite prints this line.
         println!(
             "measured: {thread} (V4L2, vivid, 640x480 YUYV): {each:.2} ms a frame, {:.1} % of a core, \
              {frames} frames in {:.1} s, under software emulation",

@@ -21,11 +21,11 @@ fn names<'a>(list: &'a Value, key: &str) -> Vec<&'a str> {
 
 #[test]
 #[ignore = "needs the guest: make test-devices"]
-fn lists_every_device_with_what_it_can_do() {
+fn lists_every_device_with_its_capabilities() {
     ready();
     let found: Value = serde_json::from_str(&succeeds(&["devices", "--json"])).unwrap();
     let cameras = found["cameras"].as_array().expect("cameras");
-    // Each USB camera has a second node, for metadata, which is no camera.
+    // The second node of each USB camera carries metadata and is not listed.
     assert_eq!(cameras.len(), 4, "{cameras:#?}");
     let is_vivid = |camera: &&Value| camera["driver"] == "vivid";
     assert_eq!(cameras.iter().filter(is_vivid).count(), 2);
@@ -60,14 +60,14 @@ fn lists_every_device_with_what_it_can_do() {
         }
         assert_eq!(controls.contains(&"focus_absolute"), name == "Scene");
     }
-    // The port's own JSON is for the serial crate to lay out; its stable name must be there.
+    // The serial crate defines the port's JSON; its stable name must be in it.
     let short = TRACKER.rsplit('/').next().unwrap();
     assert!(found.to_string().contains(short), "no {short} in {found:#}");
 }
 
 #[test]
 #[ignore = "needs the guest: make test-devices"]
-fn prints_a_list_for_people() {
+fn prints_a_readable_list() {
     ready();
     let text = succeeds(&["devices"]);
     for wanted in [

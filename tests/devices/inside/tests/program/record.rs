@@ -10,9 +10,9 @@ use std::time::{Duration, Instant};
 fn writes_every_stream_of_a_rig() {
     let tracker = SimulatedTracker::start();
     let recorder = record("whole", &Light::Vivid, true, &["--duration", "6"]);
-    let said = recorder.program.said();
+    let output = recorder.program.output();
     let status = recorder.program.end(Duration::from_secs(30));
-    assert!(status.success(), "{status}\n{said}");
+    assert!(status.success(), "{status}\n{output}");
     tracker.stop();
 
     let streams = read(&recorder.file);
@@ -52,7 +52,7 @@ fn writes_every_stream_of_a_rig() {
     keep(&recorder.file, "rig.mcap");
 }
 
-/// The pictures themselves show that no automatic mode was at work.
+/// Checks from the pictures that no automatic mode was active.
 fn locked_pictures(images: &[penumbra_guest::recording::Entry]) {
     let settled = images.iter().skip(10).map(read_image);
     for reading in settled {
@@ -65,7 +65,7 @@ fn locked_pictures(images: &[penumbra_guest::recording::Entry]) {
 
 #[test]
 #[ignore = "needs the guest: make test-devices"]
-fn leaves_a_readable_session_when_it_is_killed() {
+fn killed_recorder_leaves_a_readable_session() {
     let recorder = record("killed", &Light::Usb, false, &[]);
     let began = Instant::now();
     while began.elapsed() < Duration::from_secs(5) {

@@ -8,7 +8,7 @@ use serde_json::{Value, json};
 use std::io::{Read, Write};
 use std::path::{Path, PathBuf};
 
-/// What the scene camera is locked to: normal exposure, greys grey.
+/// Locked controls of the scene camera: normal exposure, greys are rendered grey.
 pub const LOCKED: [(&str, i32); 5] = [
     ("auto_exposure", 1),
     ("exposure_time_absolute", 157),
@@ -17,16 +17,16 @@ pub const LOCKED: [(&str, i32); 5] = [
     ("white_balance_temperature", 5000),
 ];
 
-/// Which camera sees the light.
+/// The environment camera.
 pub enum Light {
     /// The second emulated USB camera.
     Usb,
-    /// One of vivid's, which sends raw pictures.
+    /// One of vivid's cameras, which send raw pictures.
     Vivid,
 }
 
-/// Writes the desk's calibration, as if its fisheye stood before the middle of the environment
-/// camera's larger picture.
+/// Writes the desk's calibration with the fisheye's circle centred in the environment camera's
+/// larger picture.
 fn calibration(folder: &Path) {
     for (name, bytes) in attachments(Path::new("/tests/desk.mcap")) {
         let path = folder.join(&name);
@@ -73,15 +73,15 @@ pub fn config(folder: &Path, light: &Light, with_tracker: bool) -> PathBuf {
     path
 }
 
-/// A recorder at work, in a folder of its own in memory.
+/// A running recorder with its own folder in memory.
 pub struct Recorder {
-    /// What the program writes.
+    /// The recording.
     pub file: PathBuf,
     /// The program.
     pub program: Running,
 }
 
-/// Starts to record the rig; `more` are further arguments.
+/// Starts to record the rig; `more` are additional arguments.
 pub fn record(name: &str, light: &Light, with_tracker: bool, more: &[&str]) -> Recorder {
     ready();
     let folder = Path::new("/tmp").join(name);
@@ -90,7 +90,7 @@ pub fn record(name: &str, light: &Light, with_tracker: bool, more: &[&str]) -> R
     start(name, &config, more)
 }
 
-/// Starts to record what a configuration names, beside that.
+/// Starts to record with a configuration.
 pub fn start(name: &str, config: &Path, more: &[&str]) -> Recorder {
     let file = config.with_file_name("session.mcap");
     let mut arguments = vec![
@@ -107,18 +107,18 @@ pub fn start(name: &str, config: &Path, more: &[&str]) -> Recorder {
     }
 }
 
-/// Copies a recording to where the host finds it.
+/// Copies a recording to the host's folder.
 pub fn keep(file: &Path, name: &str) {
     let folder = Path::new(OUT).join("recordings");
     std::fs::create_dir_all(&folder).unwrap();
     std::fs::copy(file, folder.join(name)).unwrap();
 }
 
-/// A simulated FASTRAK at the far end of the tracker's USB cable.
+/// A simulated FASTRAK at the device's end of the tracker's USB cable.
 pub struct SimulatedTracker(Running);
 
 impl SimulatedTracker {
-    /// Starts it: the simulator has a terminal of its own, which two threads join to the cable.
+    /// Starts the simulator on a pseudo-terminal, which two threads connect to the cable.
     pub fn start() -> Self {
         ready();
         let terminal = "/tmp/simulated-fastrak";
@@ -132,18 +132,18 @@ impl SimulatedTracker {
         ];
         let log = Path::new(OUT).join("tests/program.simulator.log");
         let mut simulator = Running::start(&arguments, &log);
-        simulator.wait_until("its terminal is there", |_| Path::new(terminal).exists());
+        simulator.wait_until("its terminal exists", |_| Path::new(terminal).exists());
         join(serial::open(terminal), serial::open("/dev/ttyGS0"));
         Self(simulator)
     }
 
-    /// Ends it in order.
+    /// Ends the simulator, which must succeed.
     pub fn stop(self) {
         self.0.stop();
     }
 }
 
-/// Carries bytes both ways, until either end hangs up.
+/// Copies bytes in both directions until either end hangs up.
 fn join(a: std::fs::File, b: std::fs::File) {
     let ends = [(a.try_clone().unwrap(), b.try_clone().unwrap()), (b, a)];
     for (mut from, mut to) in ends {

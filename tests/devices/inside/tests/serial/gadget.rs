@@ -12,7 +12,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-/// Runs on a thread until it is dropped or its cable is unplugged.
+/// A simulated device on a thread, until it is dropped or its cable is unplugged.
 pub struct Gadget {
     stop: Arc<AtomicBool>,
     thread: Option<JoinHandle<()>>,
@@ -66,7 +66,7 @@ impl Outlet for Port {
 
     fn write(&mut self, bytes: &[u8]) -> io::Result<()> {
         match rustix::io::write(&self.0, bytes) {
-            // A driver that does not read loses bytes.
+            // If the driver does not read, bytes are lost.
             Ok(_) | Err(Errno::AGAIN) => Ok(()),
             Err(error) => Err(error.into()),
         }

@@ -1,5 +1,5 @@
 //! The tracker driver on the kernel's serial ports.
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+#![expect(clippy::unwrap_used)]
 #![allow(clippy::disallowed_methods)] // a test has no rig to start its threads
 
 mod gadget;
@@ -16,7 +16,7 @@ fn settings() -> TrackerSettings {
     TrackerSettings::new("fastrak", PortName::Serial(TRACKER.to_owned()))
 }
 
-/// Reads until so many poses have been decoded.
+/// Reads until `count` poses have been decoded.
 fn read_poses(tracker: &mut dyn Tracker, count: usize) {
     let mut decoder = AnyDecoder::for_protocol("fastrak").unwrap();
     let (began, mut arrivals) = (Instant::now(), Vec::new());
@@ -37,7 +37,7 @@ fn read_poses(tracker: &mut dyn Tracker, count: usize) {
 
 #[test]
 #[ignore = "needs the guest: make test-devices"]
-fn a_usb_port_is_listed_with_its_identity() {
+fn lists_usb_port_with_its_identity() {
     ready();
     let ports = list_ports();
     let short = TRACKER.rsplit('/').next();
@@ -50,7 +50,7 @@ fn a_usb_port_is_listed_with_its_identity() {
     assert_eq!(usb.maker.as_deref(), Some("Polhemus"));
     assert_eq!(usb.name.as_deref(), Some("FASTRAK"));
     assert_eq!(usb.serial.as_deref(), Some("FT0001"));
-    // The guest has one built-in port; the kernel's table has more, without a chip.
+    // The guest has one built-in port; the kernel's table has others without a chip.
     let built_in: Vec<_> = ports.iter().filter(|port| port.usb.is_none()).collect();
     assert!(
         matches!(built_in.as_slice(), [console] if console.path == "/dev/ttyS0"),
@@ -60,12 +60,12 @@ fn a_usb_port_is_listed_with_its_identity() {
 
 #[test]
 #[ignore = "needs the guest: make test-devices"]
-fn a_tracker_streams_and_its_unplugging_is_noticed_at_once() {
+fn unplugged_tracker_is_noticed_at_once() {
     ready();
     let device = Gadget::start();
     let mut tracker = open(&settings()).unwrap();
     read_poses(&mut *tracker, 20);
-    assert!(tracker.report().said.unwrap().contains("FASTRAK"));
+    assert!(tracker.report().description.unwrap().contains("FASTRAK"));
     let busy = open(&settings()).err().unwrap();
     assert!(busy.to_string().contains("busy"), "{busy}");
 
@@ -84,7 +84,7 @@ fn a_tracker_streams_and_its_unplugging_is_noticed_at_once() {
         elapsed.as_millis()
     );
     drop((tracker, device));
-    wait_until("its name is gone", || !Path::new(TRACKER).exists());
+    wait_until("its link is removed", || !Path::new(TRACKER).exists());
     let error = open(&settings()).err().unwrap();
     assert_eq!(error.recovery(), Recovery::Reopen, "{error}");
 
@@ -95,15 +95,15 @@ fn a_tracker_streams_and_its_unplugging_is_noticed_at_once() {
     read_poses(&mut *tracker, 5);
 }
 
-/// The device's end of the cable has no line: its driver keeps 9600 baud and 8N1, whatever it
-/// is set to, without an error.
+/// The device's end of the cable has no serial line: its driver keeps 9600 baud and 8N1 and
+/// ignores other settings without an error.
 #[test]
 #[ignore = "needs the guest: make test-devices"]
-fn settings_that_a_port_does_not_take_are_refused() {
+fn refuses_settings_that_a_port_ignores() {
     ready();
     let refused = |baud, parity| {
         let error = SerialLine::open("/dev/ttyGS0", baud, parity).err();
-        error.expect("it has no such setting").to_string()
+        error.expect("the port ignores the setting").to_string()
     };
     let text = refused(115_200, Parity::None);
     assert!(text.contains("115200 baud, 8N1"), "{text}");

@@ -1,4 +1,3 @@
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 use super::*;
 use crate::port::testing::PtyPair;
 use std::os::fd::AsFd;
@@ -8,7 +7,7 @@ const SHORT: Duration = Duration::from_millis(50);
 
 #[test]
 fn bytes_before_a_hang_up_are_read_first() {
-    // This way round the kernel keeps the bytes, and reports POLLIN with POLLHUP.
+    // In this direction the kernel keeps the bytes, and reports POLLIN with POLLHUP.
     let PtyPair { device, driver, .. } = PtyPair::open();
     rustix::io::write(&driver, b"last words").unwrap();
     drop(driver);
@@ -26,7 +25,7 @@ fn bytes_before_a_hang_up_are_read_first() {
 }
 
 #[test]
-fn silence_is_waited_out_and_a_hang_up_ends_the_wait() {
+fn silence_times_out_and_a_hang_up_ends_the_wait() {
     let PtyPair { device, driver, .. } = PtyPair::open();
     let began = Instant::now();
     assert!(
@@ -50,7 +49,7 @@ fn a_prepared_port_keeps_its_rate_passes_every_byte_on_and_never_blocks() {
         serialport::new(pty.path.to_string_lossy(), 123_456).parity(serialport::Parity::Odd);
     let mut port = builder.open_native().unwrap();
     prepare(&port).unwrap();
-    // Otherwise a write could wait without limit, and `timeout` would not hold.
+    // Otherwise a write could block beyond `timeout`.
     let flags = rustix::fs::fcntl_getfl(descriptor(&port)).unwrap();
     assert!(flags.contains(OFlags::NONBLOCK));
     let modes = tcgetattr(descriptor(&port)).unwrap().input_modes;
@@ -71,7 +70,7 @@ fn a_prepared_port_keeps_its_rate_passes_every_byte_on_and_never_blocks() {
 }
 
 #[test]
-fn a_locked_port_and_what_is_no_terminal_are_refused() {
+fn locked_port_and_other_files_are_refused() {
     let pty = PtyPair::open();
     let path = &pty.path;
     assert!(!preflight(path).unwrap().is_gone());

@@ -1,24 +1,24 @@
-//! Grades a lens, with findings and hints.
+//! Assesses a lens: grade, findings, hints.
 
 use super::coverage::{Coverage, Tilt, Uncertainty, lit_radius};
 use super::estimate::Estimate;
-use super::finding::Finding;
+use super::findings::Finding;
 use penumbra_camera::LensModel;
 use penumbra_rig_model::Grade;
 
 /// A grade with its reasons.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Verdict {
+pub struct Assessment {
     /// The worst of the findings.
     pub grade: Grade,
-    /// Each with what it alone would make of the grade.
+    /// The findings, each with the grade that it implies.
     pub findings: Vec<(Grade, Finding)>,
-    /// What to do next, best first: "cover the top right corner".
+    /// Instructions for further views, most useful first, e.g. "cover the top right corner".
     pub hints: Vec<String>,
 }
 
-impl Verdict {
-    /// Nothing can be used.
+impl Assessment {
+    /// Creates the assessment of a calibration that is refused because of `finding`.
     #[must_use]
     pub fn refused(finding: Finding) -> Self {
         Self {
@@ -28,17 +28,17 @@ impl Verdict {
         }
     }
 
-    /// Of an estimate.
+    /// Assesses an estimate.
     #[must_use]
-    pub fn of(
+    pub fn from_estimate(
         estimate: &Estimate,
         coverage: &Coverage,
         tilt: &Tilt,
         uncertainty: &Uncertainty,
     ) -> Self {
         let mut findings = Vec::new();
-        let mut find = |value: f64, (usable, refused): (f64, f64), finding: Finding| {
-            // What is no number is refused too.
+        let mut check = |value: f64, (usable, refused): (f64, f64), finding: Finding| {
+            // Undefined values are refused.
             if value.is_nan() || value > refused {
                 findings.push((Grade::Refused, finding));
             } else if value > usable {
@@ -48,44 +48,44 @@ impl Verdict {
         let used = estimate.views.iter().filter(|v| v.used).count();
         let views = estimate.views.len();
         let rejected = views - used;
-        find(-(used as f64), (-8.0, -3.0), Finding::FewViews { used });
+        check(-(used as f64), (-8.0, -3.0), Finding::FewViews { used });
         let share = rejected as f64 / views.max(1) as f64;
-        find(
+        check(
             share,
             (0.2, 0.5),
-            Finding::ViewsDisagree { rejected, views },
+            Finding::RejectedViews { rejected, views },
         );
-        let degrees = tilt.largest().to_degrees();
-        find(-degrees, (-20.0, -10.0), Finding::NoTilt { degrees });
+        let degrees = tilt.max().to_degrees();
+        check(-degrees, (-20.0, -10.0), Finding::SmallTilt { degrees });
         let percent = 100.0 * coverage.share;
-        find(-percent, (-70.0, -20.0), Finding::PoorCoverage { percent });
+        check(-percent, (-70.0, -20.0), Finding::PoorCoverage { percent });
         let lens = &estimate.lens;
         let longer = f64::from(lens.width.max(lens.height));
         let pixels = estimate.rms;
-        let blunt = (longer / 1280.0).max(1.0);
-        find(
+        let scale = (longer / 1280.0).max(1.0);
+        check(
             pixels,
-            (0.5 * blunt, 1.5 * blunt),
+            (0.5 * scale, 1.5 * scale),
             Finding::LargeResiduals { pixels },
         );
         let percent = 100.0 * estimate.sigma[0].max(estimate.sigma[1]) / lens.focal.min_element();
-        find(percent, (0.3, 1.0), Finding::FocalUncertain { percent });
+        check(percent, (0.3, 1.0), Finding::FocalUncertain { percent });
         let pixels = uncertainty.worst;
-        // Beyond the corners that were seen a lens is a guess, which is said; where most of the
-        // picture is one it is refused.
-        let sure_elsewhere = uncertainty.median <= 2.0 * blunt;
-        let limit = if sure_elsewhere {
-            10.0 * blunt
+        // Outside the area with corners the lens is extrapolated, which gives a finding; it is
+        // refused if most of the picture is extrapolated.
+        let is_mostly_known = uncertainty.median <= 2.0 * scale;
+        let limit = if is_mostly_known {
+            10.0 * scale
         } else {
-            2.0 * blunt
+            2.0 * scale
         };
-        find(
+        check(
             pixels,
-            (1.0 * blunt, limit),
+            (1.0 * scale, limit),
             Finding::ProjectionUncertain { pixels },
         );
-        if let Some(what) = implausible(estimate) {
-            findings.push((Grade::Refused, Finding::Implausible { what }));
+        if let Some(reason) = implausible_reason(estimate) {
+            findings.push((Grade::Refused, Finding::Implausible { reason }));
         }
         findings.sort_by_key(|f| std::cmp::Reverse(f.0));
         Self {
@@ -96,8 +96,8 @@ impl Verdict {
     }
 }
 
-impl Verdict {
-    /// One more finding; the grade follows.
+impl Assessment {
+    /// Adds a finding; the grade becomes the worse of both.
     pub fn add(&mut self, grade: Grade, finding: Finding) {
         self.findings.push((grade, finding));
         self.findings.sort_by_key(|f| std::cmp::Reverse(f.0));
@@ -105,31 +105,32 @@ impl Verdict {
     }
 }
 
-/// Returns why the lens is physically implausible.
-fn implausible(estimate: &Estimate) -> Option<&'static str> {
+/// Returns why the lens is physically implausible; `None` if it is plausible.
+fn implausible_reason(estimate: &Estimate) -> Option<&'static str> {
     let lens = &estimate.lens;
     let size = lens.last_pixel() + 1.0;
     let middle = lens.centre / size;
     if middle.min_element() < 0.2 || middle.max_element() > 0.8 {
-        return Some("its axis is far from the picture's middle");
+        return Some("its principal point is far from the picture's centre");
     }
     if (lens.focal.x / lens.focal.y - 1.0).abs() > 0.05 {
         return Some("its pixels are not square");
     }
-    let fold = if lens.model == LensModel::KannalaBrandt {
+    let radius = if lens.model == LensModel::KannalaBrandt {
         lit_radius(lens, &estimate.views)
     } else {
         size.length()
     };
-    (!lens.is_invertible_within(fold)).then_some("its distortion folds the picture over")
+    (!lens.is_invertible_within(radius))
+        .then_some("its distortion is not invertible within the picture")
 }
 
 fn hints(coverage: &Coverage, tilt: &Tilt, used: usize) -> Vec<String> {
     let mut out = Vec::new();
-    if let Some(part) = coverage.poorest_part() {
+    if let Some(part) = coverage.least_covered_part() {
         out.push(format!("cover the {part}"));
     }
-    if let Some(side) = tilt.poorest_side() {
+    if let Some(side) = tilt.least_tilted_side() {
         let to = if side.ends_with("wards") {
             ""
         } else {

@@ -1,7 +1,7 @@
-"""Draws photographs of tags and boards whose corners are known exactly.
+"""Renders pictures of tags and boards whose corners are known exactly.
 
-Light is added up in linear radiance over each pixel's square (jittered samples), blurred by a Gaussian point
-spread, encoded as sRGB, and gets Gaussian noise in codes. Pixel (0, 0) is the centre of the top left pixel.
+Linear radiance is integrated over each pixel (jittered samples), blurred by a Gaussian point spread function and
+encoded as sRGB; then Gaussian noise is added to the codes. Pixel (0, 0) is the centre of the top left pixel.
 """
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ class Lens:
     distortion: np.ndarray
 
     def pixels(self, points: np.ndarray, R: np.ndarray, t: np.ndarray) -> np.ndarray:
-        """Where points of a board's frame (metres) are seen."""
+        """Projects points of a board's frame (metres) to pixels."""
         seen, _ = cv2.projectPoints(points.astype(float), cv2.Rodrigues(R)[0], t, self.K, self.distortion)
         return seen[:, 0]
 
     def rays(self, pixels: np.ndarray) -> np.ndarray:
-        """Directions of pixels, z = 1, by fixed-point iteration on the distortion."""
+        """Returns the viewing directions of pixels, z = 1, by fixed-point iteration on the distortion."""
         seen = (pixels - self.K[:2, 2]) / self.K[[0, 1], [0, 1]]
         if not self.distortion.any():
             return seen
@@ -47,7 +47,7 @@ class Lens:
 
 @dataclass
 class Sheet:
-    """A flat print: cells of reflectance, the side of a cell, and the first cell's corner on the print (metres)."""
+    """A flat print: reflectance of its cells, the side of a cell, and the first cell's corner on the print (metres)."""
 
     cells: np.ndarray
     cell: float
@@ -59,7 +59,7 @@ class Sheet:
         return np.array([[x + i * columns * self.cell, y + j * rows * self.cell, 0] for i in (0, 1) for j in (0, 1)])
 
     def at(self, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Reflectance at places on the print, and whether they lie on it."""
+        """Returns the reflectance at positions on the print, and whether they are on it."""
         column, row = np.floor((places - self.corner) / self.cell).astype(int).transpose(-1, *range(places.ndim - 1))
         rows, columns = self.cells.shape
         inside = (column >= 0) & (row >= 0) & (column < columns) & (row < rows)
@@ -67,17 +67,17 @@ class Sheet:
 
 
 class Photograph:
-    """A picture in the making: reflectance, then light, blur and noise."""
+    """Renders a picture: reflectance, then light, blur and noise."""
 
     def __init__(self, lens: Lens, rng: np.random.Generator) -> None:
         self.lens, self.rng = lens, rng
         self.light = clutter(lens.size, rng)
 
     def draw(self, sheet: Sheet, R: np.ndarray, t: np.ndarray) -> None:
-        """Puts a print into the picture; `R`, `t` map its frame to the camera's."""
+        """Renders a print; `R`, `t` transform its frame to the camera's."""
         width, height = self.lens.size
         seen = self.lens.pixels(sheet.outline(), R, t)
-        # A distorted side bulges out of its corners' box.
+        # A distorted edge may exceed the bounding box of the corners.
         margin = 3 + (40 if self.lens.distortion.any() else 0)
         (x0, y0), (x1, y1) = np.floor(seen.min(0)).astype(int) - margin, np.ceil(seen.max(0)).astype(int) + margin
         x0, y0, x1, y1 = max(x0, 0), max(y0, 0), min(x1, width - 1), min(y1, height - 1)
@@ -85,7 +85,7 @@ class Photograph:
             return
         u, v = np.meshgrid(np.arange(x0, x1 + 1), np.arange(y0, y1 + 1))
         pixels = np.stack([u, v], -1)
-        # Within a pixel the lens is linear.
+        # Within a pixel the projection is approximated as linear.
         middle = self.lens.rays(pixels)
         right, down = (self.lens.rays(pixels + step) - middle for step in ([1, 0], [0, 1]))
         total, cover = np.zeros(u.shape), np.zeros(u.shape)
@@ -104,7 +104,7 @@ class Photograph:
         region += total / SAMPLES**2
 
     def developed(self, blur: float, noise: float) -> np.ndarray:
-        """The picture's codes: uneven light, a Gaussian point spread (`blur`, pixels), sRGB, noise (codes)."""
+        """Returns the picture's codes with uneven light, a Gaussian point spread function (`blur`, pixels), sRGB and noise (codes)."""
         width, height = self.lens.size
         u, v = np.meshgrid(np.linspace(-1, 1, width), np.linspace(-1, 1, height))
         slope = self.rng.uniform(-0.25, 0.25, 2)
@@ -115,7 +115,7 @@ class Photograph:
 
 
 def clutter(size: tuple[int, int], rng: np.random.Generator) -> np.ndarray:
-    """A background of soft shades and hard polygons, linear."""
+    """Returns a background of smooth shades and sharp polygons, linear."""
     width, height = size
     picture = cv2.resize(rng.uniform(0.1, 0.6, (6, 8)), size, interpolation=cv2.INTER_CUBIC)
     for _ in range(25):
@@ -128,7 +128,7 @@ def clutter(size: tuple[int, int], rng: np.random.Generator) -> np.ndarray:
 
 
 def posed(rng: np.random.Generator, tilt: float) -> np.ndarray:
-    """A rotation: any roll, its normal up to `tilt` radians from the viewing direction."""
+    """Returns a random rotation: any roll, the normal tilted by up to `tilt` radians from the viewing direction."""
     roll, towards, angle = rng.uniform(-np.pi, np.pi), rng.uniform(-np.pi, np.pi), rng.uniform(0, tilt)
     tilted = cv2.Rodrigues(angle * np.array([np.cos(towards), np.sin(towards), 0]))[0]
     return tilted @ cv2.Rodrigues(np.array([0, 0, roll]))[0]
@@ -147,7 +147,7 @@ TAG_CORNERS = np.array([[-0.5, -0.5, 0], [0.5, -0.5, 0], [0.5, 0.5, 0], [-0.5, 0
 
 
 def picture_of_tags(dictionary: object, seed: list[int], size: tuple[int, int] = (640, 480)) -> tuple[np.ndarray, dict[int, np.ndarray]]:
-    """Six tags with sides of 16 to 120 pixels, tilted by up to 60 degrees: the picture, and corners by number."""
+    """Six tags with sides of 16 to 120 pixels, tilted by up to 60 degrees; returns the picture, and corners by number."""
     rng = np.random.default_rng(seed)
     width, height = size
     K = np.array([[600.0, 0, (width - 1) / 2], [0, 600.0, (height - 1) / 2], [0, 0, 1]])
@@ -164,12 +164,12 @@ def picture_of_tags(dictionary: object, seed: list[int], size: tuple[int, int] =
     return photograph.developed(blur=float(rng.uniform(0.3, 0.9)), noise=2.0), corners
 
 
-#: The camera that looks at drawn boards.
+#: The camera of the pictures of boards.
 BOARD_LENS = Lens((640, 480), np.array([[560.0, 0, 324.3], [0, 560.0, 236.8], [0, 0, 1]]), np.array([-0.25, 0.08, 0.0008, -0.0005, 0.0]))
 
 
 def pictures_of_board(sheet: Sheet, points: np.ndarray, count: int, seed: int) -> list[tuple[np.ndarray, np.ndarray]]:
-    """A board in `count` poses, all its points inside the picture: pictures, and where the points (metres, z = 0) are seen."""
+    """Renders a board in `count` poses with all its points visible; returns pictures and the pixels of the points (metres, z = 0)."""
     rng, lens, found = np.random.default_rng(seed), BOARD_LENS, []
     middle = np.append((points.max(0) + points.min(0))[:2] / 2, 0)
     extent = np.ptp(points[:, :2], axis=0).max()

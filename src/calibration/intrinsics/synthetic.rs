@@ -11,7 +11,7 @@ pub(crate) use penumbra_numerics::Random;
 /// Samples along each side of a pixel.
 const SAMPLES: u32 = 3;
 
-/// A renderer whose rays are computed once for many pictures.
+/// Renders boards through one lens; computes the rays once for all pictures.
 pub(crate) struct BoardRenderer {
     width: u32,
     height: u32,
@@ -37,11 +37,12 @@ impl BoardRenderer {
         }
     }
 
-    /// The board on a grey wall, blurred by `blur` pixels, with noise of `noise` codes.
-    pub fn draw(&self, board: &Board, pose: RigidTransform, blur: f32, noise: f64) -> Grey {
+    /// Renders the board on a grey wall, blurred by `blur` pixels, with noise of `noise` codes
+    /// (standard deviations).
+    pub fn render(&self, board: &Board, pose: RigidTransform, blur: f32, noise: f64) -> Grey {
         let board_from_camera = pose.inverse();
         let origin = board_from_camera.translation;
-        let paint = Paint::of(board);
+        let appearance = Appearance::from_board(board);
         let brightness = |ray: Option<DVec3>| {
             let Some(ray) = ray else { return 10.0 };
             let ray = board_from_camera.rotation * ray;
@@ -50,7 +51,7 @@ impl BoardRenderer {
                 return 90.0;
             }
             let width = t * self.spacing;
-            paint.at((origin + ray * t).truncate(), width)
+            appearance.at((origin + ray * t).truncate(), width)
         };
         let mut sharp = Grey::from_bytes(self.width as usize, self.height as usize, &[]);
         let wide = self.width * SAMPLES;
@@ -81,10 +82,10 @@ impl BoardRenderer {
     }
 }
 
-/// Parts of a board across and down.
+/// Number of bins in a row and in a column of a board.
 const BINS: f64 = 60.0;
 
-/// The rectangles that reach into each part of a board, or nearly.
+/// Returns the indices of the rectangles in or next to each bin of a board.
 fn bins(black: &[Black], size: DVec2) -> Vec<Vec<usize>> {
     let n = BINS as usize;
     let mut bins = vec![Vec::new(); n * n];
@@ -103,22 +104,22 @@ fn bins(black: &[Black], size: DVec2) -> Vec<Vec<usize>> {
 }
 
 /// Appearance of a board.
-enum Paint {
+enum Appearance {
     Chess {
         squares: DVec2,
         square: f64,
     },
     Sheet {
         black: Vec<Black>,
-        /// Which of them are near, by part of the board, [`BINS`]² parts.
+        /// Indices of the rectangles near each bin, [`BINS`]² bins.
         bins: Vec<Vec<usize>>,
         size: DVec2,
         origin: DVec2,
     },
 }
 
-impl Paint {
-    fn of(board: &Board) -> Self {
+impl Appearance {
+    fn from_board(board: &Board) -> Self {
         match *board {
             Board::Chess {
                 columns,
@@ -129,7 +130,7 @@ impl Paint {
                 square,
             },
             _ => {
-                let pattern = pattern::of(board);
+                let pattern = pattern::from_board(board);
                 let size = DVec2::new(pattern.width, pattern.height);
                 Self::Sheet {
                     bins: bins(&pattern.black, size),
@@ -144,21 +145,21 @@ impl Paint {
         }
     }
 
-    /// Brightness at a place of the board; `width` is a sample's, metres.
+    /// Returns the brightness at a position on the board; `width` is that of a sample, metres.
     fn at(&self, p: DVec2, width: f64) -> f64 {
         match self {
             Self::Chess { squares, square } => {
-                // In squares from the board's outer corner; its first square is dark.
+                // Position in squares from the board's outer corner; the first square is dark.
                 let p = p / square + 1.0;
-                let off = (p - *squares).max(-p).max_element();
-                if off > 0.7 {
+                let outside = (p - *squares).max(-p).max_element();
+                if outside > 0.7 {
                     90.0
-                } else if off > 0.0 {
+                } else if outside > 0.0 {
                     215.0
                 } else {
-                    // An edge falls between samples: each stands for its surroundings.
+                    // Each sample averages over its width, so that edges lie between samples.
                     let width = width / square;
-                    122.5 - 92.5 * wave(p.x, width) * wave(p.y, width)
+                    122.5 - 92.5 * square_wave(p.x, width) * square_wave(p.y, width)
                 }
             }
             Self::Sheet {
@@ -168,8 +169,8 @@ impl Paint {
                 origin,
             } => {
                 let p = p + *origin;
-                let off = (p - *size).max(-p).max_element();
-                if off > 0.02 {
+                let outside = (p - *size).max(-p).max_element();
+                if outside > 0.02 {
                     return 90.0;
                 }
                 let within = |v: f64, from: f64, wide: f64| {
@@ -187,19 +188,19 @@ impl Paint {
     }
 }
 
-/// 1 in even squares, −1 in odd ones, a ramp of this width between them.
-fn wave(x: f64, width: f64) -> f64 {
+/// Returns 1 in even squares, −1 in odd ones, with ramps of `width` between them.
+fn square_wave(x: f64, width: f64) -> f64 {
     let sign = if x.rem_euclid(2.0) < 1.0 { 1.0 } else { -1.0 };
     let from_edge = (x - x.round()).abs();
     sign * (2.0 * from_edge / width).min(1.0)
 }
 
-/// A board whose middle stands at `centre` (camera frame, metres), tilted by angles about X
-/// and Y and turned about Z, radians.
-pub(crate) fn pose(board: &Board, centre: DVec3, tilt: DVec2, turn: f64) -> RigidTransform {
+/// Returns the pose of a board with its middle at `centre` (camera frame, metres), rotated by
+/// `tilt` about X and Y and by `roll` about Z, radians.
+pub(crate) fn pose(board: &Board, centre: DVec3, tilt: DVec2, roll: f64) -> RigidTransform {
     let rotation = DQuat::from_rotation_x(tilt.x)
         * DQuat::from_rotation_y(tilt.y)
-        * DQuat::from_rotation_z(turn);
+        * DQuat::from_rotation_z(roll);
     let middle = match *board {
         Board::Chess {
             columns,

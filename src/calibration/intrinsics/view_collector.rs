@@ -1,15 +1,15 @@
-//! Gathers views of a board from pictures and estimates the lens: selects the views to keep, and
-//! the model with the coefficients that they determine.
+//! Collects views of a board from pictures and estimates the lens: selects the views to keep, and
+//! the number of coefficients that they determine.
 
+use super::assessment::Assessment;
 use super::board::{Board, Correspondence, View};
 use super::coverage::{Coverage, Tilt, Uncertainty};
 use super::detect::{Grey, NoChessboard, find_chessboard};
 use super::estimate::{Estimate, Options, estimate_some};
 use super::evidence::{ChessEvidence, TagEvidence};
-use super::finding::Finding;
+use super::findings::Finding;
 use super::rim::{Light, Rim};
 use super::tag_finder::TagFinder;
-use super::verdict::Verdict;
 use glam::DVec2;
 use penumbra_camera::LensModel;
 use penumbra_rig_model::Grade;
@@ -20,36 +20,36 @@ use std::collections::BTreeMap;
 
 /// Maximum mean distance of the points of two similar views, as a share of the picture's width: a
 /// second view from the same pose adds no information, and would count twice.
-const ALIKE: f64 = 0.02;
+const SIMILAR: f64 = 0.02;
 /// Maximum number of views; more slow the search down without improving the lens.
-const MOST_VIEWS: usize = 120;
-/// Ratio of the angle of light to the largest angle of corners from which a finding is reported.
-const RIM: f64 = 1.05;
+const MAX_VIEWS: usize = 120;
+/// Ratio of the angle of light to the largest angle of corners above which a finding is reported.
+const MAX_RIM_RATIO: f64 = 1.05;
 
-/// Maximum ratio of the errors at which a lens with fewer coefficients is preferred.
-const SIMPLER: f64 = 1.02;
+/// Maximum ratio of RMS errors at which a lens with fewer coefficients is preferred.
+const MAX_SIMPLER_RATIO: f64 = 1.02;
 
-/// Result of offering a picture.
+/// Result of adding a picture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Offer {
+pub enum PictureResult {
     /// A new view.
-    Taken {
+    Added {
         /// Points found.
         points: usize,
     },
     /// Similar to a view that was kept.
-    Alike,
+    Similar,
     /// No board, or too small a part of it.
     NotSeen,
     /// A board with more corners than the given one.
     OtherBoard,
-    /// Another size than that of the previous pictures.
+    /// A picture of another size than the previous ones.
     OtherSize,
 }
 
 /// Collects views of one camera.
 #[derive(Clone, Debug)]
-pub struct Gatherer {
+pub struct ViewCollector {
     board: Board,
     size: Option<(u32, u32)>,
     views: Vec<View>,
@@ -58,7 +58,7 @@ pub struct Gatherer {
     chess: ChessEvidence,
     finder: Option<TagFinder>,
     light: Light,
-    marks: Vec<DVec2>,
+    last_points: Vec<DVec2>,
     tags: TagEvidence,
 }
 
@@ -70,17 +70,17 @@ pub struct Outcome {
     /// Number of views kept.
     pub views: usize,
     /// The lens and its quality; `None` if none was found.
-    pub result: Option<Judged>,
+    pub result: Option<AssessedLens>,
     /// Grade of the lens, with findings.
-    pub verdict: Verdict,
+    pub assessment: Assessment,
 }
 
 impl Outcome {
     /// The calibration file of the lens; `None` if no lens was found.
     #[must_use]
     pub fn record(&self, camera: &str, board: &str, date: String) -> Option<LensRecord> {
-        let judged = self.result.as_ref()?;
-        let estimate = &judged.estimate;
+        let assessed = self.result.as_ref()?;
+        let estimate = &assessed.estimate;
         let lens = &estimate.lens;
         let names = lens.model.coefficients();
         let named = |values: &[f64]| -> BTreeMap<String, f64> {
@@ -104,12 +104,12 @@ impl Outcome {
             focal: lens.focal.to_array(),
             centre: lens.centre.to_array(),
             distortion: named(&lens.coefficients),
-            max_theta: judged.rim.map(|rim| rim.known),
+            max_theta: assessed.rim.map(|rim| rim.known),
             sigma,
             quality: Some(QualityRecord {
-                verdict: self.verdict.grade.name().to_owned(),
+                verdict: self.assessment.grade.name().to_owned(),
                 findings: self
-                    .verdict
+                    .assessment
                     .findings
                     .iter()
                     .map(|f| f.1.to_string())
@@ -120,8 +120,8 @@ impl Outcome {
                     estimate.views.len(),
                 ],
                 corners: [points().filter(|p| p.used).count(), points().count()],
-                coverage: judged.coverage.share,
-                projection_sigma: [judged.uncertainty.median, judged.uncertainty.worst],
+                coverage: assessed.coverage.share,
+                projection_sigma: [assessed.uncertainty.median, assessed.uncertainty.worst],
             }),
         })
     }
@@ -129,21 +129,21 @@ impl Outcome {
 
 /// A lens and its quality.
 #[derive(Clone, Debug)]
-pub struct Judged {
+pub struct AssessedLens {
     /// The lens.
     pub estimate: Estimate,
-    /// Where corners were seen.
+    /// Coverage of the picture by corners.
     pub coverage: Coverage,
-    /// To which sides the board was tilted.
+    /// Tilt of the board.
     pub tilt: Tilt,
-    /// How sure the lens is in each part of the picture.
+    /// Uncertainty of the lens in each part of the picture.
     pub uncertainty: Uncertainty,
-    /// Angles to which a fisheye is known.
+    /// Angles to which the lens is determined; `None` if it is not a fisheye.
     pub rim: Option<Rim>,
 }
 
-impl Gatherer {
-    /// Of views of that board.
+impl ViewCollector {
+    /// Creates a collector without views of `board`.
     #[must_use]
     pub fn new(board: Board) -> Self {
         Self {
@@ -155,23 +155,27 @@ impl Gatherer {
             chess: ChessEvidence::default(),
             finder: TagFinder::new(&board),
             light: Light::default(),
-            marks: Vec::new(),
+            last_points: Vec::new(),
             tags: TagEvidence::default(),
         }
     }
 
     /// Detects the board in a picture.
-    pub fn offer(&mut self, name: &str, picture: &Grey) -> Offer {
+    pub fn add_picture(&mut self, name: &str, picture: &Grey) -> PictureResult {
         let size = (picture.width as u32, picture.height as u32);
         if self.size.is_none_or(|known| known == size) {
-            self.light.look(picture);
+            self.light.add(picture);
         }
         if let Some(finder) = &mut self.finder {
-            let seen = finder.find(picture);
-            self.tags.note(&seen);
-            let offer = self.offer_points(name, size, seen.points);
-            let other = seen.contradicts || seen.other_family.is_some();
-            return if other { Offer::OtherBoard } else { offer };
+            let found = finder.find(picture);
+            self.tags.add(&found);
+            let result = self.add_points(name, size, found.points);
+            let is_other = found.is_inconsistent || found.other_family.is_some();
+            return if is_other {
+                PictureResult::OtherBoard
+            } else {
+                result
+            };
         }
         let Board::Chess {
             columns,
@@ -179,59 +183,59 @@ impl Gatherer {
             square,
         } = self.board
         else {
-            return Offer::NotSeen;
+            return PictureResult::NotSeen;
         };
-        let found = find_chessboard(picture, columns, rows);
-        self.chess.note(&found);
-        let points = found
+        let detection = find_chessboard(picture, columns, rows);
+        self.chess.add(&detection);
+        let points = detection
             .as_ref()
-            .map_or_else(|_| Vec::new(), |sighting| sighting.correspondences(square));
-        let offer = self.offer_points(name, size, points);
-        match (offer, found) {
-            (Offer::NotSeen, Err(NoChessboard::Larger { .. })) => Offer::OtherBoard,
-            (offer, _) => offer,
+            .map_or_else(|_| Vec::new(), |board| board.correspondences(square));
+        let result = self.add_points(name, size, points);
+        match (result, detection) {
+            (PictureResult::NotSeen, Err(NoChessboard::Larger { .. })) => PictureResult::OtherBoard,
+            (result, _) => result,
         }
     }
 
     /// Adds points that were detected in a picture of `size`.
-    pub fn offer_points(
+    pub fn add_points(
         &mut self,
         name: &str,
         size: (u32, u32),
         points: Vec<Correspondence>,
-    ) -> Offer {
+    ) -> PictureResult {
         self.pictures += 1;
-        self.marks.clear();
-        self.marks.extend(points.iter().map(|c| c.pixel));
+        self.last_points.clear();
+        self.last_points.extend(points.iter().map(|c| c.pixel));
         if *self.size.get_or_insert(size) != size {
             self.other_size += 1;
-            return Offer::OtherSize;
+            return PictureResult::OtherSize;
         }
-        if points.len() < super::outliers::LEAST_POINTS {
-            return Offer::NotSeen;
+        if points.len() < super::outliers::MIN_POINTS {
+            return PictureResult::NotSeen;
         }
-        let near = ALIKE * f64::from(size.0);
+        let near = SIMILAR * f64::from(size.0);
         if self
             .views
             .iter()
             .any(|v| distance(&v.points, &points) < near)
         {
-            return Offer::Alike;
+            return PictureResult::Similar;
         }
-        if self.views.len() >= MOST_VIEWS {
-            return Offer::Alike;
+        if self.views.len() >= MAX_VIEWS {
+            return PictureResult::Similar;
         }
-        let taken = Offer::Taken {
+        let added = PictureResult::Added {
             points: points.len(),
         };
         self.views.push(View {
             name: name.to_owned(),
             points,
         });
-        taken
+        added
     }
 
-    /// Views so far.
+    /// Returns the views kept so far.
     #[must_use]
     pub fn views(&self) -> &[View] {
         &self.views
@@ -239,18 +243,18 @@ impl Gatherer {
 
     /// Returns the points found in the last picture, pixels.
     #[must_use]
-    pub fn marks(&self) -> &[DVec2] {
-        &self.marks
+    pub fn last_points(&self) -> &[DVec2] {
+        &self.last_points
     }
 
-    /// The lens as the views so far have it, to know what is missing.
+    /// Estimates the lens from the views so far; its assessment shows which views are missing.
     #[must_use]
-    pub fn so_far(&self, options: &Options) -> Option<(Judged, Verdict)> {
+    pub fn intermediate(&self, options: &Options) -> Option<(AssessedLens, Assessment)> {
         let all = options.model.coefficients().len();
-        self.judged_with(options, all).ok()
+        self.assessed_with(options, all).ok()
     }
 
-    /// The pictures' size, once there was one.
+    /// Returns the pictures' size; `None` before the first picture.
     #[must_use]
     pub const fn size(&self) -> Option<(u32, u32)> {
         self.size
@@ -259,71 +263,71 @@ impl Gatherer {
     /// Estimates the lens and assesses it.
     #[must_use]
     pub fn finish(&self, options: &Options) -> Outcome {
-        let (result, verdict) = match self.judged(options) {
-            Ok((judged, verdict)) => (Some(judged), verdict),
-            Err(finding) => (None, Verdict::refused(finding)),
+        let (result, assessment) = match self.assessed(options) {
+            Ok((assessed, assessment)) => (Some(assessed), assessment),
+            Err(finding) => (None, Assessment::refused(finding)),
         };
         Outcome {
             pictures: self.pictures,
             views: self.views.len(),
             result,
-            verdict,
+            assessment,
         }
     }
 
-    fn judged(&self, options: &Options) -> Result<(Judged, Verdict), Finding> {
+    fn assessed(&self, options: &Options) -> Result<(AssessedLens, Assessment), Finding> {
         self.check_board()?;
         let all = options.model.coefficients().len();
-        let mut best = self.judged_with(options, all)?;
-        // Undetermined coefficients of high powers distort the picture's rim arbitrarily. Without them
-        // the lens has less uncertainty, if it fits the views as well.
-        for fewer in (fewest_coefficients(options.model)..all).rev() {
+        let mut best = self.assessed_with(options, all)?;
+        // Undetermined high-order coefficients distort the picture's rim arbitrarily. A lens
+        // without them is preferred if it fits the views equally well.
+        for fewer in (min_coefficients(options.model)..all).rev() {
             if best.1.grade < Grade::Refused {
                 break;
             }
-            let Ok(simpler) = self.judged_with(options, fewer) else {
+            let Ok(simpler) = self.assessed_with(options, fewer) else {
                 break;
             };
-            let as_well = simpler.0.estimate.rms <= SIMPLER * best.0.estimate.rms;
-            if as_well && simpler.1.grade < best.1.grade {
+            let fits_equally = simpler.0.estimate.rms <= MAX_SIMPLER_RATIO * best.0.estimate.rms;
+            if fits_equally && simpler.1.grade < best.1.grade {
                 best = simpler;
             }
         }
         Ok(best)
     }
 
-    fn judged_with(
+    fn assessed_with(
         &self,
         options: &Options,
         coefficients: usize,
-    ) -> Result<(Judged, Verdict), Finding> {
+    ) -> Result<(AssessedLens, Assessment), Finding> {
         let size = self.size.unwrap_or_default();
         let estimate = estimate_some(size, &self.views, options, coefficients)?;
-        let coverage = Coverage::of(&estimate.lens, &estimate.views, &self.light);
-        let tilt = Tilt::of(&estimate.views);
-        let uncertainty = Uncertainty::of(&estimate);
-        let rim = Rim::of(&estimate, &self.light);
-        let mut verdict = Verdict::of(&estimate, &coverage, &tilt, &uncertainty);
+        let coverage = Coverage::new(&estimate.lens, &estimate.views, &self.light);
+        let tilt = Tilt::from_views(&estimate.views);
+        let uncertainty = Uncertainty::from_estimate(&estimate);
+        let rim = Rim::from_estimate(&estimate, &self.light);
+        let mut assessment = Assessment::from_estimate(&estimate, &coverage, &tilt, &uncertainty);
         if let Some((rim, lit)) = rim.and_then(|rim| Some((rim, rim.lit?)))
-            && lit > rim.known.max(RIM * rim.seen)
+            && lit > rim.known.max(MAX_RIM_RATIO * rim.seen)
         {
             let [seen, lit, known] = [rim.seen, lit, rim.known].map(f64::to_degrees);
-            verdict.add(Grade::Usable, Finding::RimUnseen { seen, lit, known });
+            assessment.add(Grade::Usable, Finding::RimNotCovered { seen, lit, known });
         }
-        if let Some(doubt) = self.tags.doubt() {
-            verdict.add(Grade::Usable, doubt);
+        if let Some(finding) = self.tags.foreign_tags_finding() {
+            assessment.add(Grade::Usable, finding);
         }
-        let judged = Judged {
+        let assessed = AssessedLens {
             rim,
             estimate,
             coverage,
             tilt,
             uncertainty,
         };
-        Ok((judged, verdict))
+        Ok((assessed, assessment))
     }
 
-    /// That the board is the one that was said, and the pictures those of one camera.
+    /// Checks that the board is the given one and that the pictures are from one camera.
     fn check_board(&self) -> Result<(), Finding> {
         let pictures = self.pictures;
         if 2 * self.other_size > pictures {
@@ -338,8 +342,8 @@ impl Gatherer {
     }
 }
 
-/// Below which the model is another one: k1, k2, p1, p2; k1, k2 of a fisheye.
-const fn fewest_coefficients(model: LensModel) -> usize {
+/// Returns the minimum number of coefficients of a model: k1, k2, p1, p2; k1, k2 for a fisheye.
+const fn min_coefficients(model: LensModel) -> usize {
     match model {
         LensModel::Brown => 4,
         LensModel::KannalaBrandt => 2,
@@ -347,8 +351,8 @@ const fn fewest_coefficients(model: LensModel) -> usize {
     }
 }
 
-/// Mean distance between the same points of two views, pixels; infinite if fewer than half
-/// of them are in both.
+/// Returns the mean distance between the same points of two views, pixels; infinite if the views
+/// share fewer than half of their points.
 fn distance(a: &[Correspondence], b: &[Correspondence]) -> f64 {
     let key = |p: DVec2| ((p.x * 1e5).round() as i64, (p.y * 1e5).round() as i64);
     let known: BTreeMap<_, DVec2> = a.iter().map(|c| (key(c.point), c.pixel)).collect();

@@ -2,27 +2,27 @@
 
 use super::board::{Correspondence, View};
 use super::homography;
-use super::pose::{residual, start as pose_start};
+use super::pose::{initial_pose, residual};
 use glam::{DMat3, DVec2, DVec3};
 use penumbra_camera::{Lens, LensModel};
 use penumbra_numerics::{Matrix, median, null_vector};
 
-/// Horizontal fields of view that are tried, degrees.
+/// Candidate fields of view along the picture's longer side, degrees.
 const VIEW_ANGLES: [f64; 22] = [
     6.0, 8.0, 11.0, 15.0, 20.0, 25.0, 30.0, 37.0, 45.0, 53.0, 61.0, 70.0, 80.0, 90.0, 100.0, 115.0,
     130.0, 145.0, 165.0, 185.0, 205.0, 230.0,
 ];
 /// Maximum number of views by which candidates are compared.
-const VIEWS_LOOKED_AT: usize = 24;
+const MAX_VIEWS: usize = 24;
 
-/// Returns the lens without distortion that fits the views best. Candidates are Zhang's closed
-/// form, if the model is a pinhole and the form has a solution, and a range of focal lengths with
-/// the picture's centre. `None` if no candidate fits any view.
-pub(super) fn start(model: LensModel, size: (u32, u32), views: &[View]) -> Option<Lens> {
-    let chosen = spread_over(views);
+/// Returns the lens without distortion that fits the views best. Candidates are Zhang's closed-form
+/// solution, if the model is a pinhole and the solution exists, and a range of focal lengths with
+/// the principal point at the picture's centre. `None` if no candidate fits the views.
+pub(super) fn initial_lens(model: LensModel, size: (u32, u32), views: &[View]) -> Option<Lens> {
+    let sample = sample_views(views);
     let middle = DVec2::new(f64::from(size.0) - 1.0, f64::from(size.1) - 1.0) * 0.5;
     let fisheye = model == LensModel::KannalaBrandt;
-    let swept = VIEW_ANGLES
+    let sweep = VIEW_ANGLES
         .iter()
         .filter(|angle| fisheye || **angle <= 145.0)
         .map(|angle| {
@@ -32,31 +32,31 @@ pub(super) fn start(model: LensModel, size: (u32, u32), views: &[View]) -> Optio
             Lens::ideal(model, size, DVec2::splat(focal), middle)
         });
     let closed = (!fisheye)
-        .then(|| zhang(model, size, &chosen, middle))
+        .then(|| zhang(model, size, &sample, middle))
         .flatten();
     closed
         .into_iter()
-        .chain(swept)
-        .filter_map(|lens| Some((misfit(&lens, &chosen)?, lens)))
+        .chain(sweep)
+        .filter_map(|lens| Some((median_error(&lens, &sample)?, lens)))
         .min_by(|a, b| a.0.total_cmp(&b.0))
         .map(|(_, lens)| lens)
 }
 
-fn spread_over(views: &[View]) -> Vec<&View> {
-    let every = views.len().div_ceil(VIEWS_LOOKED_AT).max(1);
+fn sample_views(views: &[View]) -> Vec<&View> {
+    let every = views.len().div_ceil(MAX_VIEWS).max(1);
     views.iter().step_by(every).collect()
 }
 
 /// Returns the median over the views of their RMS reprojection error by homography, pixels.
-fn misfit(lens: &Lens, views: &[&View]) -> Option<f64> {
+fn median_error(lens: &Lens, views: &[&View]) -> Option<f64> {
     let errors = views
         .iter()
-        .map(|v| view_misfit(lens, &v.points).unwrap_or(f64::INFINITY));
+        .map(|v| view_error(lens, &v.points).unwrap_or(f64::INFINITY));
     median(errors).filter(|m| m.is_finite())
 }
 
-fn view_misfit(lens: &Lens, points: &[Correspondence]) -> Option<f64> {
-    let pose = pose_start(lens, points)?;
+fn view_error(lens: &Lens, points: &[Correspondence]) -> Option<f64> {
+    let pose = initial_pose(lens, points)?;
     let mut sum = 0.0;
     for c in points {
         sum += residual(lens, c, pose)?.0.length_squared();
@@ -64,7 +64,7 @@ fn view_misfit(lens: &Lens, points: &[Correspondence]) -> Option<f64> {
     Some((sum / points.len().max(1) as f64).sqrt())
 }
 
-// ┌ Of every homography H = [h1 h2 h3] from board to pixels: h1ᵀ ω h2 = 0 and            ┐
+// ┌ Every homography H = [h1 h2 h3] from board to pixels satisfies h1ᵀ ω h2 = 0 and      ┐
 // │ h1ᵀ ω h1 = h2ᵀ ω h2, with ω = K⁻ᵀ K⁻¹ (Zhang 2000). Without skew and with the        │
 // └ principal point in the middle, ω = diag(1/fx², 1/fy², 1): two unknowns.              ┘
 fn zhang(model: LensModel, size: (u32, u32), views: &[&View], middle: DVec2) -> Option<Lens> {
@@ -95,10 +95,11 @@ fn zhang(model: LensModel, size: (u32, u32), views: &[&View], middle: DVec2) -> 
     }
     let omega = null_vector(&normal);
     let square = DVec2::new(omega[2] / omega[0], omega[2] / omega[1]);
-    let sensible = square.is_finite() && square.min_element() > 1e-3 && square.max_element() < 1e4;
-    sensible.then(|| {
-        // One for both axes: where pixels are square both change by the same steps from here on, and
-        // would keep what this rough form has put between them.
+    let is_plausible =
+        square.is_finite() && square.min_element() > 1e-3 && square.max_element() < 1e4;
+    is_plausible.then(|| {
+        // One focal length for both axes: with square pixels both change by equal steps from here
+        // on, so that an initial difference would persist.
         let focal = (square.x * square.y).powf(0.25) * scale;
         Lens::ideal(model, size, DVec2::splat(focal), middle)
     })
