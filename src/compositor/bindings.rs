@@ -121,7 +121,7 @@ pub fn layout(device: &wgpu::Device, label: &str, slots: &[Slot]) -> wgpu::BindG
     layout_for(device, label, slots, ShaderStages::VERTEX_FRAGMENT)
 }
 
-/// Creates the same for compute shaders.
+/// Creates a layout whose bindings are `slots`, in order, for compute shaders.
 pub fn compute_layout(device: &wgpu::Device, label: &str, slots: &[Slot]) -> wgpu::BindGroupLayout {
     layout_for(device, label, slots, ShaderStages::COMPUTE)
 }
@@ -180,8 +180,8 @@ pub const fn sampler(sampler: &wgpu::Sampler) -> wgpu::BindingResource<'_> {
     wgpu::BindingResource::Sampler(sampler)
 }
 
-/// A bind group that is created again only when one of its resources is another one: passes
-/// receive their pictures with every frame, but these change only with the picture size.
+/// A bind group that is created again only when one of its resources was replaced: passes receive
+/// their pictures with every frame, but these change only with the picture size.
 pub struct CachedGroup {
     label: &'static str,
     pub layout: wgpu::BindGroupLayout,
@@ -197,8 +197,8 @@ enum Bound {
 }
 
 impl Bound {
-    /// `None` for kinds of resources that no pass here binds.
-    fn of(resource: &wgpu::BindingResource<'_>) -> Option<Self> {
+    /// The resource; `None` for kinds that no pass of the compositor binds.
+    fn from_resource(resource: &wgpu::BindingResource<'_>) -> Option<Self> {
         match resource {
             wgpu::BindingResource::Buffer(binding) => Some(Self::Buffer(binding.buffer.clone())),
             wgpu::BindingResource::TextureView(view) => Some(Self::View((*view).clone())),
@@ -207,7 +207,7 @@ impl Bound {
         }
     }
 
-    fn is(&self, resource: &wgpu::BindingResource<'_>) -> bool {
+    fn is_same(&self, resource: &wgpu::BindingResource<'_>) -> bool {
         match (self, resource) {
             (Self::Buffer(bound), wgpu::BindingResource::Buffer(binding)) => {
                 bound == binding.buffer
@@ -220,7 +220,7 @@ impl Bound {
 }
 
 impl CachedGroup {
-    /// Nothing is bound yet.
+    /// Creates an empty cache of groups with `layout`.
     pub const fn new(label: &'static str, layout: wgpu::BindGroupLayout) -> Self {
         Self {
             label,
@@ -229,8 +229,8 @@ impl CachedGroup {
         }
     }
 
-    /// Nothing is bound yet; the layout consists of `slots` for vertex and fragment shaders.
-    pub fn of_slots(device: &wgpu::Device, label: &'static str, slots: &[Slot]) -> Self {
+    /// Creates an empty cache whose layout consists of `slots` for vertex and fragment shaders.
+    pub fn from_slots(device: &wgpu::Device, label: &'static str, slots: &[Slot]) -> Self {
         Self::new(label, layout(device, label, slots))
     }
 
@@ -241,10 +241,10 @@ impl CachedGroup {
         resources: &[wgpu::BindingResource<'_>],
     ) -> &wgpu::BindGroup {
         let kept = self.bound.take().filter(|(bound, _)| {
-            bound.len() == resources.len() && bound.iter().zip(resources).all(|(b, r)| b.is(r))
+            bound.len() == resources.len() && bound.iter().zip(resources).all(|(b, r)| b.is_same(r))
         });
         let (_, group) = self.bound.insert(kept.unwrap_or_else(|| {
-            let bound = resources.iter().filter_map(Bound::of).collect();
+            let bound = resources.iter().filter_map(Bound::from_resource).collect();
             (bound, group(device, self.label, &self.layout, resources))
         }));
         group

@@ -1,4 +1,4 @@
-//! The compositor: what it keeps between frames, and the setters of scene, settings and bake.
+//! The compositor: its state between frames, and the setters of scene, settings and bake.
 
 use super::cover::Cover;
 use super::exposure::choice::ActiveExposure;

@@ -1,6 +1,6 @@
-//! The data flow of one frame, from top to bottom: every intermediate picture has a name here, and
-//! is handed from the pass that draws it to the passes that read it. [`prepare`](super::prepare)
-//! uploads what the passes need besides.
+//! Records the passes of one frame in the order of its data flow: every intermediate picture is a
+//! named value that goes from the pass that draws it to the passes that read it.
+//! [`prepare`](super::prepare) uploads their other inputs.
 
 use super::compositor::Compositor;
 use super::frame_input::FrameInput;
@@ -60,7 +60,7 @@ impl Compositor {
 
         // The real picture: the camera's, undistorted, and in the exposure of this frame.
         let camera = match &self.lens {
-            Some(lens) => lens.straighten(r, &pictures.camera),
+            Some(lens) => lens.undistort(r, &pictures.camera),
             None => &pictures.camera,
         };
         let exposed = pictures.exposed.as_ref();
@@ -82,7 +82,7 @@ impl Compositor {
             .shadow_buffer
             .record(r, frame, &source, surfaces, lit, shadows);
 
-        // The light that virtual lights add to real surfaces, where it is not a part of that.
+        // The light that virtual lights add to real surfaces, unless the shadow buffer holds it.
         let lamp_light = &pictures.lamp_light;
         if plan.lamps_apart {
             let phantoms = surfaces.phantoms;
@@ -94,7 +94,7 @@ impl Compositor {
             lamp_light,
         };
 
-        // What virtual objects reflect of the real scene, and the composed picture.
+        // The surroundings that virtual objects reflect, and the composed picture.
         let (surroundings_pass, composite_pass) = match self.exposure.passes() {
             Some(passes) => passes,
             None => (&mut p.surroundings, &mut p.composite),
@@ -109,10 +109,10 @@ impl Compositor {
         };
         let composed = composite_pass.record(r, frame, &inputs, &pictures.kinds, output);
 
-        // The same with the distortion of the camera, as seen from the pose of its display.
+        // The composed picture with the distortion of the camera, warped to the display pose.
         let surface = &surfaces.virtual_surfaces.surface[0];
         let distorted = match &mut self.lens {
-            Some(lens) => lens.bend(r, real, composed, surface),
+            Some(lens) => lens.distort(r, real, composed, surface),
             None => composed,
         };
         let finished = match &mut self.reproject {

@@ -55,7 +55,7 @@ pub struct FrameInput<'a> {
     pub planes: Option<PlanesChoice>,
     /// The exposure in which the frame is shown.
     pub exposure: Exposure,
-    /// What clipped areas become in a shorter exposure.
+    /// How clipped areas are shown in a shorter exposure.
     pub highlights: Highlights,
 }
 

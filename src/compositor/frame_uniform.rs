@@ -9,15 +9,15 @@ use penumbra_camera::RollingShutter;
 use penumbra_interface::RigidTransform;
 use penumbra_scene::ShadowMode;
 
-/// Everything from which the uniform is made.
+/// The inputs of the uniform.
 pub struct UniformInputs<'a> {
     pub input: &'a FrameInput<'a>,
     pub view: &'a FrameView,
-    /// Virtual objects are shown.
+    /// Whether virtual objects are shown.
     pub augmented: bool,
     /// Number of dome lights with shadow maps.
     pub lights: u32,
-    /// Virtual lights act on real surfaces by the paper's response.
+    /// Whether virtual lights act on real surfaces by the paper's response.
     pub lamps_apart: bool,
     /// Height of the ground, metres; `None` without ground.
     pub ground_height: Option<f64>,

@@ -26,10 +26,10 @@ impl FrameView {
         let own = input.camera.clone();
         match lens {
             Some(lens) => Self {
-                camera: lens.straight.clone(),
+                camera: lens.undistorted.clone(),
                 own,
                 reach: lens.reach,
-                size: (lens.straight.width, lens.straight.height),
+                size: (lens.undistorted.width, lens.undistorted.height),
             },
             None => Self {
                 camera: own.clone(),
@@ -72,7 +72,7 @@ mod tests {
     use glam::{DVec2, DVec3};
 
     #[test]
-    fn projection_agrees_with_the_camera_model() {
+    fn projection_matches_the_camera_model() {
         let camera = PinholeCamera {
             width: 640,
             height: 480,

@@ -14,10 +14,12 @@ const NEAR: f32 = 1e-3;
 /// area lamps, whose shadows are soft, may be wider.
 const MAX_HALF_ANGLE: f32 = 0.9;
 const MAX_HALF_ANGLE_OF_AREA: f32 = 1.2;
-/// Viewpoints of an area lamp, each way: with one map; and with a cube, or among more than
-/// [`FEW_AREAS`] area lamps, where more viewpoints would take too much time.
+/// Viewpoints along each side of an area lamp with one map.
 const ACROSS: u32 = 4;
+/// Viewpoints along each side of an area lamp with a cube, or among more than [`FEW_AREAS`] area
+/// lamps, where more viewpoints would take too much time.
 const ACROSS_OF_MANY: u32 = 2;
+/// Maximum number of area lamps with [`ACROSS`] viewpoints.
 const FEW_AREAS: usize = 4;
 /// Maximum number of views of one lamp.
 pub const MAX_VIEWS_EACH: usize = 24;
@@ -175,7 +177,7 @@ mod tests {
     }
 
     #[test]
-    fn every_viewpoint_of_an_area_lamp_sees_all_casters_in_its_map() {
+    fn map_of_every_viewpoint_of_an_area_lamp_holds_all_casters() {
         let lamp = screen(Vec3::new(0.0, 0.0, 1.5), Vec3::NEG_Z, false);
         let coverage = Coverage::for_lamp(&lamp, &cube());
         assert!(matches!(coverage, Coverage::One { .. }), "{coverage:?}");
@@ -190,7 +192,7 @@ mod tests {
     }
 
     #[test]
-    fn casters_behind_a_one_sided_area_lamp_do_not_count() {
+    fn ignores_casters_behind_a_one_sided_area_lamp() {
         let away = screen(Vec3::new(0.0, 0.0, 1.5), Vec3::Z, false);
         assert_eq!(Coverage::for_lamp(&away, &cube()), Coverage::Nothing);
         let both = screen(Vec3::new(0.0, 0.0, 1.5), Vec3::Z, true);

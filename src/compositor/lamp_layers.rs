@@ -17,7 +17,7 @@ pub struct LampViews {
 pub struct Assigned {
     /// The first layer.
     pub first: usize,
-    /// The layers have other contents, and must be drawn.
+    /// Whether the layers hold other contents and must be drawn.
     pub stale: bool,
 }
 

@@ -1,11 +1,11 @@
 //! Lens distortion.
 //!
-//! Graphics hardware draws straight triangles. The picture of a camera with distortion is
-//! therefore undistorted, the frame is composed in the undistorted picture, and its changes are
-//! distorted back into the camera picture: each pixel of that looks up its position in the
-//! undistorted picture, exactly by the camera model, whatever the size of the triangles. Pixels
-//! without virtual changes stay the camera's, bit for bit. A camera without distortion has no
-//! such stage.
+//! Graphics hardware draws straight triangles. The picture of a camera with distortion is therefore
+//! undistorted, the frame is composed in the undistorted picture, and its changes are distorted
+//! back into the camera picture: each pixel of the camera picture looks up its position in the
+//! undistorted picture, exactly by the camera model, independently of the size of the triangles.
+//! Pixels without virtual changes stay the camera's, bit for bit. A camera without distortion has
+//! no such stage.
 
 use super::bindings::{CachedGroup, PipelineSpec, Slot, group, layout, view};
 use super::recorder::Recorder;
@@ -21,7 +21,7 @@ use wgpu::TextureUsages as U;
 const MAX_SIZE_RATIO: f64 = 2.0;
 /// Maximum scale of the undistorted picture, for lenses that magnify towards the corners.
 const MAX_SCALE: f64 = 1.5;
-/// Stands for the position of a pixel at which the lens model cannot be inverted.
+/// The position of pixels at which the lens model cannot be inverted.
 const NO_POSITION: [f32; 2] = [-1e6, -1e6];
 /// Maximum error of an inverted lens model, pixels.
 const MAX_INVERSION_ERROR_PIXELS: f64 = 0.01;
@@ -43,23 +43,23 @@ pub(super) struct LensStage {
     camera: PinholeCamera,
     output: LensOutput,
     /// The camera of the undistorted picture.
-    pub straight: PinholeCamera,
+    pub undistorted: PinholeCamera,
     /// Squared tangent of the direction farthest from the axis that the camera picture shows.
     pub reach: f64,
     /// The camera picture as it is uploaded.
     pub raw: FrameTexture,
-    straighten: (wgpu::RenderPipeline, wgpu::BindGroup),
-    bend: Option<Bend>,
+    undistort: (wgpu::RenderPipeline, wgpu::BindGroup),
+    distort: Option<Distort>,
 }
 
-/// The way back into the camera picture.
-struct Bend {
-    /// For the camera's exposure, and for another.
+/// The pass that distorts the composed picture back into the camera picture.
+struct Distort {
+    /// Pipelines for the camera's exposure, and for another.
     pipelines: [wgpu::RenderPipeline; 2],
     /// The raw picture and the positions of its pixels in the undistorted one.
     positions: wgpu::BindGroup,
     /// The undistorted pictures.
-    straight: CachedGroup,
+    undistorted: CachedGroup,
     output: FrameTexture,
 }
 
@@ -74,8 +74,8 @@ impl LensStage {
         if camera.distortion == [0.0; 5] {
             return None;
         }
-        let straight = match output {
-            LensOutput::Camera => straight_camera(camera),
+        let undistorted = match output {
+            LensOutput::Camera => undistorted_camera(camera),
             LensOutput::Undistorted => PinholeCamera {
                 distortion: [0.0; 5],
                 ..camera.clone()
@@ -86,27 +86,29 @@ impl LensStage {
         let uploaded = U::COPY_DST | U::TEXTURE_BINDING;
         let size = (camera.width, camera.height);
         let raw = FrameTexture::new(device, "distorted camera", size, format::CAMERA, uploaded);
-        let places = upload(gpu, &straight, |pixel| bent_place(camera, &straight, pixel));
+        let positions = upload(gpu, &undistorted, |pixel| {
+            distorted_position(camera, &undistorted, pixel)
+        });
         let slots = [Slot::Unfilterable; 2];
         let inputs = layout(device, "straighten", &slots);
-        let bound = [view(&raw.view), view(&places.view)];
+        let bound = [view(&raw.view), view(&positions.view)];
         let bound = group(device, "straighten", &inputs, &bound);
         let pipeline = pipeline(device, &module, &[&inputs], "undistorted");
-        let bend = (output == LensOutput::Camera).then(|| {
-            let place = |pixel| straight_place(camera, &straight, pixel);
-            let places = upload(gpu, camera, place);
-            let bound = [view(&raw.view), view(&places.view)];
+        let distort = (output == LensOutput::Camera).then(|| {
+            let position = |pixel| undistorted_position(camera, &undistorted, pixel);
+            let positions = upload(gpu, camera, position);
+            let bound = [view(&raw.view), view(&positions.view)];
             let bound = group(device, "distort camera", &inputs, &bound);
-            Bend::new(device, &module, (&inputs, bound), (size, variant))
+            Distort::new(device, &module, (&inputs, bound), (size, variant))
         });
         Some(Self {
             camera: camera.clone(),
             output,
             reach: reach(camera),
-            straight,
+            undistorted,
             raw,
-            straighten: (pipeline, bound),
-            bend,
+            undistort: (pipeline, bound),
+            distort,
         })
     }
 
@@ -116,26 +118,26 @@ impl LensStage {
     }
 
     /// Undistorts the uploaded camera picture into `output`.
-    pub fn straighten<'a>(
+    pub fn undistort<'a>(
         &self,
         r: &mut Recorder<'_>,
         output: &'a FrameTexture,
     ) -> &'a FrameTexture {
-        let (pipeline, inputs) = &self.straighten;
+        let (pipeline, inputs) = &self.undistort;
         r.cover("straighten", &output.view, pipeline, &[inputs]);
         output
     }
 
-    /// Distorts the composed picture, unless the undistorted one was asked for. `surface` holds the
+    /// Distorts the composed picture, unless the undistorted one was requested. `surface` holds the
     /// virtual surfaces, for their outlines.
-    pub fn bend<'a>(
+    pub fn distort<'a>(
         &'a mut self,
         r: &mut Recorder<'_>,
         real: RealPicture<'_>,
         composed: &'a FrameTexture,
         surface: &FrameTexture,
     ) -> &'a FrameTexture {
-        let Some(bend) = &mut self.bend else {
+        let Some(distort) = &mut self.distort else {
             return composed;
         };
         let resources = [
@@ -144,15 +146,15 @@ impl LensStage {
             view(&composed.view),
             view(&surface.view),
         ];
-        let straight = bend.straight.get(r.device, &resources);
-        let pipeline = &bend.pipelines[usize::from(real.exposed.is_some())];
-        let groups = [&bend.positions, straight];
-        r.cover("bend", &bend.output.view, pipeline, &groups);
-        &bend.output
+        let undistorted = distort.undistorted.get(r.device, &resources);
+        let pipeline = &distort.pipelines[usize::from(real.exposed.is_some())];
+        let groups = [&distort.positions, undistorted];
+        r.cover("bend", &distort.output.view, pipeline, &groups);
+        &distort.output
     }
 }
 
-impl Bend {
+impl Distort {
     fn new(
         device: &wgpu::Device,
         module: &wgpu::ShaderModule,
@@ -162,14 +164,14 @@ impl Bend {
         let (shape, _) = Slot::sampled(variant.samples);
         let f = Slot::Unfilterable;
         let slots = [f, Slot::Uniform, f, shape];
-        let straight = CachedGroup::of_slots(device, "bend", &slots);
+        let undistorted = CachedGroup::from_slots(device, "bend", &slots);
         let usage = U::RENDER_ATTACHMENT | U::TEXTURE_BINDING | U::COPY_SRC;
         Self {
             pipelines: ["distorted", "distorted_exposed"]
-                .map(|entry| pipeline(device, module, &[camera, &straight.layout], entry)),
+                .map(|entry| pipeline(device, module, &[camera, &undistorted.layout], entry)),
             output: FrameTexture::new(device, "distorted output", size, format::OUTPUT, usage),
             positions,
-            straight,
+            undistorted,
         }
     }
 }
@@ -196,11 +198,11 @@ fn pipeline(
     .build(device)
 }
 
-/// A texture of `camera`'s size that holds the position that `place` gives for each pixel.
+/// A texture of `camera`'s size that holds the result of `position` for each pixel.
 fn upload(
     (device, queue): (&wgpu::Device, &wgpu::Queue),
     camera: &PinholeCamera,
-    place: impl Fn(DVec2) -> [f32; 2],
+    position: impl Fn(DVec2) -> [f32; 2],
 ) -> FrameTexture {
     let size = (camera.width, camera.height);
     let usage = U::COPY_DST | U::TEXTURE_BINDING;
@@ -208,31 +210,41 @@ fn upload(
     let target = FrameTexture::new(device, "positions", size, format, usage);
     let (rows, columns) = (0..camera.height, camera.width);
     let pixels = rows.flat_map(|y| (0..columns).map(move |x| (f64::from(x), f64::from(y))));
-    let places: Vec<[f32; 2]> = pixels.map(|(x, y)| place(DVec2::new(x, y))).collect();
-    target.upload(queue, bytemuck::cast_slice(&places), 8);
+    let positions: Vec<[f32; 2]> = pixels.map(|(x, y)| position(DVec2::new(x, y))).collect();
+    target.upload(queue, bytemuck::cast_slice(&positions), 8);
     target
 }
 
 /// The position of a pixel of the undistorted picture in the camera picture.
-fn bent_place(camera: &PinholeCamera, straight: &PinholeCamera, pixel: DVec2) -> [f32; 2] {
-    let ray = ((pixel - straight.centre) / straight.focal).extend(1.0);
-    let place = camera.project(ray).unwrap_or(DVec2::ZERO);
-    // A polynomial model diverges far outside the picture: the edge is as good.
+fn distorted_position(
+    camera: &PinholeCamera,
+    undistorted: &PinholeCamera,
+    pixel: DVec2,
+) -> [f32; 2] {
+    let ray = ((pixel - undistorted.centre) / undistorted.focal).extend(1.0);
+    let position = camera.project(ray).unwrap_or(DVec2::ZERO);
+    // A polynomial model diverges far outside the picture: the position is clamped to the edge.
     let size = DVec2::new(f64::from(camera.width), f64::from(camera.height));
-    place.clamp(-size, 2.0 * size).as_vec2().to_array()
+    position.clamp(-size, 2.0 * size).as_vec2().to_array()
 }
 
 /// The position of a pixel of the camera picture in the undistorted one.
-fn straight_place(camera: &PinholeCamera, straight: &PinholeCamera, pixel: DVec2) -> [f32; 2] {
-    ideal(camera, pixel).map_or(NO_POSITION, |p| {
-        (p * straight.focal + straight.centre).as_vec2().to_array()
+fn undistorted_position(
+    camera: &PinholeCamera,
+    undistorted: &PinholeCamera,
+    pixel: DVec2,
+) -> [f32; 2] {
+    undistorted_point(camera, pixel).map_or(NO_POSITION, |p| {
+        (p * undistorted.focal + undistorted.centre)
+            .as_vec2()
+            .to_array()
     })
 }
 
 /// The undistorted point, on the plane z = 1, that a pixel shows: Newton's method from the result
 /// of the fixed-point iteration, which converges slowly for strong distortion. `None` past the
 /// fold of the model.
-fn ideal(camera: &PinholeCamera, pixel: DVec2) -> Option<DVec2> {
+fn undistorted_point(camera: &PinholeCamera, pixel: DVec2) -> Option<DVec2> {
     const STEP: f64 = 1e-6;
     let shown = |p: DVec2| camera.project(p.extend(1.0));
     let ray: DVec3 = camera.unproject(pixel);
@@ -268,28 +280,28 @@ fn probes(camera: &PinholeCamera) -> impl Iterator<Item = DVec2> {
 }
 
 /// A texture of the direction, on the plane z = 1, that each pixel of a camera shows.
-pub(super) fn direction_places(
+pub(super) fn direction_texture(
     gpu: (&wgpu::Device, &wgpu::Queue),
     camera: &PinholeCamera,
 ) -> FrameTexture {
     upload(gpu, camera, |pixel| {
-        ideal(camera, pixel).map_or(NO_POSITION, |p| p.as_vec2().to_array())
+        undistorted_point(camera, pixel).map_or(NO_POSITION, |p| p.as_vec2().to_array())
     })
 }
 
 /// Squared tangent of the direction farthest from the axis that a picture shows: past it the lens
 /// model may fold.
 pub(super) fn reach(camera: &PinholeCamera) -> f64 {
-    let shown = probes(camera).filter_map(|pixel| ideal(camera, pixel));
-    shown.map(DVec2::length_squared).fold(1e-6, f64::max)
+    let points = probes(camera).filter_map(|pixel| undistorted_point(camera, pixel));
+    points.map(DVec2::length_squared).fold(1e-6, f64::max)
 }
 
 /// The camera of an undistorted picture that shows all directions of `camera` at its resolution.
-fn straight_camera(camera: &PinholeCamera) -> PinholeCamera {
+fn undistorted_camera(camera: &PinholeCamera) -> PinholeCamera {
     let size = DVec2::new(f64::from(camera.width), f64::from(camera.height));
     let (mut low, mut high, mut finest) = (DVec2::ZERO, DVec2::ZERO, 1.0_f64);
     for pixel in probes(camera) {
-        let Some(p) = ideal(camera, pixel) else {
+        let Some(p) = undistorted_point(camera, pixel) else {
             continue;
         };
         (low, high) = (low.min(p), high.max(p));
@@ -339,7 +351,7 @@ mod tests {
             [-0.4, 0.25, 0.0, 0.0, -0.04],
         ];
         for camera in strong.map(lens) {
-            let straight = straight_camera(&camera);
+            let undistorted = undistorted_camera(&camera);
             for (x, y) in [
                 (0.0, 0.0),
                 (639.0, 0.0),
@@ -348,10 +360,10 @@ mod tests {
                 (320.0, 240.0),
             ] {
                 let pixel = DVec2::new(x, y);
-                let p = ideal(&camera, pixel).unwrap();
+                let p = undistorted_point(&camera, pixel).unwrap();
                 assert!(camera.project(p.extend(1.0)).unwrap().distance(pixel) < 1e-5);
-                let there = straight.project(p.extend(1.0)).unwrap();
-                let size = DVec2::new(f64::from(straight.width), f64::from(straight.height));
+                let there = undistorted.project(p.extend(1.0)).unwrap();
+                let size = DVec2::new(f64::from(undistorted.width), f64::from(undistorted.height));
                 assert!(
                     there.cmpge(DVec2::ZERO).all() && there.cmplt(size).all(),
                     "{there}"
@@ -364,9 +376,9 @@ mod tests {
     fn pixels_past_the_fold_have_no_position() {
         // The distorted radius never exceeds 0.67 (268 pixels); the corners lie at 400.
         let camera = lens([-1.0 / 3.0, 0.0, 0.0, 0.0, 0.0]);
-        assert!(ideal(&camera, DVec2::new(0.0, 0.0)).is_none());
-        assert!(ideal(&camera, DVec2::new(322.0, 100.0)).is_some());
-        let straight = straight_camera(&camera);
-        assert!(straight.width <= 1280 && straight.height <= 960);
+        assert!(undistorted_point(&camera, DVec2::new(0.0, 0.0)).is_none());
+        assert!(undistorted_point(&camera, DVec2::new(322.0, 100.0)).is_some());
+        let undistorted = undistorted_camera(&camera);
+        assert!(undistorted.width <= 1280 && undistorted.height <= 960);
     }
 }

@@ -1,8 +1,8 @@
-//! Composes augmented pictures on the GPU: camera picture, pose, light and scene go in, the
-//! picture with virtual objects, their shadows and their reflections comes out. No other crate
-//! records GPU commands.
+//! Composes augmented pictures on the GPU: from the camera picture, pose, light and scene it makes
+//! the picture with virtual objects, their shadows and their reflections. No other crate records
+//! GPU commands.
 //!
-//! The way of a frame ([`Compositor::compose`], file `frame.rs`):
+//! The steps of a frame ([`Compositor::compose`], file `frame.rs`):
 //!
 //! 1. Place moving parts, fit size and shader variant, upload picture, light and uniforms.
 //! 2. Undistort the camera picture; draw it in the exposure of the frame.
@@ -10,7 +10,7 @@
 //! 4. Draw the visible surfaces: phantoms (proxies of the real scene) and virtual objects.
 //! 5. Sort the picture into tiles by the lights that matter there.
 //! 6. Shadow buffer: the light that each surface lacks, from shadow maps or shadowing planes.
-//! 7. Add what virtual lights give to real surfaces; gather the surroundings for reflections.
+//! 7. Add the light of virtual lights on real surfaces; gather the surroundings for reflections.
 //! 8. Composite: the real picture times its shadow factor, virtual surfaces shaded on top.
 //! 9. Distort the picture as the camera does; warp it to the pose of its display.
 //! 10. Measure the added light for the automatic exposure; copy the picture for reading.
@@ -20,14 +20,14 @@
 //! | module | content |
 //! |---|---|
 //! | [`gpu`], `bindings`, `textures`, `texels`, `recorder`, [`timing`] | the device and short forms of wgpu |
-//! | `gpu_data`, `shaders`, `response_table` | what shaders read, and their text |
+//! | `gpu_data`, `shaders`, `response_table` | the data that shaders read, and their text |
 //! | `mesh_buffers`, `materials`, `detail`, `moving`, `emitters`, `scene_buffers`, `scene_upload` | the scene on the device |
-//! | `caster_hull`, `shadow_slots`, `cover` | which shadow maps are drawn again, which tiles are covered |
+//! | `caster_hull`, `shadow_slots`, `cover` | the choice of shadow maps to draw again and of covered tiles |
 //! | `light_maps`, `gloss_maps`, `indirect_light_maps`, `lamp_maps`, `lamp_layers`, `lamp_coverage`, `lamp_screens` | the light on the device |
 //! | `settings`, `frame_input`, `frame_view`, `frame_uniform` | the input of a frame |
 //! | `passes`, `pipelines`, `sized_resources` | the passes and their pictures |
 //! | `lens`, [`exposure`], [`planes`], `reproject` | stages: groups of passes that run as one step |
-//! | `compositor`, `prepare`, `frame` | what outlives a frame; uploads; the passes in order |
+//! | `compositor`, `prepare`, `frame` | the state kept between frames; uploads; the passes in order |
 //! | [`readback`] | the finished picture in memory |
 //! | [`mod@reference`] | the same picture computed on the CPU, for tests |
 

@@ -186,7 +186,7 @@ struct FrameParts<'a> {
     screens: &'a wgpu::TextureView,
 }
 
-/// A placeholder before there is a scene.
+/// Creates a placeholder for the pictures of area lamps before there is a scene.
 fn no_screens(device: &wgpu::Device) -> wgpu::TextureView {
     let texture = device.create_texture(&wgpu::TextureDescriptor {
         label: Some("no lamp screens"),
@@ -305,7 +305,7 @@ mod tests {
     }
 
     #[test]
-    fn tables_of_irradiance_agree_with_direct_sums() {
+    fn irradiance_tables_match_direct_sums() {
         let lights: Vec<_> = spread(48)
             .map(|d| LightUniform {
                 direction: d.extend(0.1).to_array(),

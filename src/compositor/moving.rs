@@ -54,7 +54,8 @@ impl CasterPlaces {
 }
 
 impl MovingPart {
-    /// Part `index` with the caster `caster`; the hull is chosen at its first placement.
+    /// Creates part `index` with `caster`; the points of the hull are chosen at its initial
+    /// placement.
     pub fn new(
         index: usize,
         motion: Motion,

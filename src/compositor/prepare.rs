@@ -26,13 +26,13 @@ const LAMP_MAP_RATIO: u32 = 2;
 
 /// Decisions about a frame that its passes follow.
 pub struct FramePlan {
-    /// Shadows are subtracted instead of multiplied.
+    /// Whether shadows are subtracted instead of multiplied.
     pub subtract: bool,
-    /// Virtual lights act on real surfaces by the paper's response, in a pass of its own.
+    /// Whether virtual lights act on real surfaces by the paper's response, in a pass of its own.
     pub lamps_apart: bool,
     /// Rectangle of tiles (x, y, width, height) that virtual surfaces may cover.
     pub covered: [u32; 4],
-    /// The finished picture is warped to another pose.
+    /// Whether the finished picture is warped to another pose.
     pub reprojected: bool,
 }
 
@@ -192,20 +192,21 @@ impl Compositor {
     ) -> Result<FramePlan, GpuError> {
         let something = !(self.scene.virtual_parts.is_empty() && input.lamps.is_empty());
         let augmented = input.show_virtual && something;
-        let seen = augmented && input.lighting.is_some() && input.world_from_camera.is_some();
+        let has_virtual =
+            augmented && input.lighting.is_some() && input.world_from_camera.is_some();
         let by_paper = input.lamp_response == LampResponse::Paper;
         let mut plan = FramePlan {
             subtract: input.shadow_mode == ShadowMode::Subtract,
-            lamps_apart: seen && !input.lamps.is_empty() && by_paper,
+            lamps_apart: has_virtual && !input.lamps.is_empty() && by_paper,
             covered: [0; 4],
             reprojected: input.reprojection.is_some(),
         };
         let lights = match input.lighting {
-            Some(lighting) if seen => lighting.lights.as_slice(),
+            Some(lighting) if has_virtual => lighting.lights.as_slice(),
             _ => &[],
         };
         let lights = &lights[..lights.len().min(self.settings.light_budget as usize)];
-        self.prepare_exposure(input, view, &plan, seen);
+        self.prepare_exposure(input, view, &plan, has_virtual);
         let by_planes = self.prepare_planes(input, view, augmented)?;
         // Planes need no shadow maps.
         let mapped = if by_planes { &[] } else { lights };
@@ -227,7 +228,7 @@ impl Compositor {
             shadow_step: self.settings.shadow_step,
             exposure_factor: self.exposure.factor(),
         });
-        let lamps = if seen { input.lamps } else { &[] };
+        let lamps = if has_virtual { input.lamps } else { &[] };
         self.scene.emitters.place(&self.gpu.queue, lamps);
         plan.covered = self.upload_cover(input, view, augmented && input.lighting.is_some());
         let stage = self.planes.as_mut().filter(|_| by_planes);
@@ -241,7 +242,7 @@ impl Compositor {
             }
         });
         self.light_maps.write_frame(&self.gpu.queue, &uniform, each);
-        self.upload_lamps(input, seen);
+        self.upload_lamps(input, has_virtual);
         Ok(plan)
     }
 
@@ -251,10 +252,10 @@ impl Compositor {
         input: &FrameInput<'_>,
         view: &FrameView,
         plan: &FramePlan,
-        seen: bool,
+        has_virtual: bool,
     ) {
         let device = &self.gpu.device;
-        self.exposure.choose(&self.gpu, input, seen);
+        self.exposure.choose(&self.gpu, input, has_virtual);
         self.exposure
             .compile(device, &self.light_maps.frame_layout, self.variant);
         if let Some(pictures) = self
@@ -325,8 +326,8 @@ impl Compositor {
     }
 
     /// Uploads the virtual lights and lists their shadow maps that are out of date.
-    fn upload_lamps(&mut self, input: &FrameInput<'_>, seen: bool) {
-        let lamps = if seen { input.lamps } else { &[] };
+    fn upload_lamps(&mut self, input: &FrameInput<'_>, has_virtual: bool) {
+        let lamps = if has_virtual { input.lamps } else { &[] };
         let (device, queue) = (&self.gpu.device, &self.gpu.queue);
         let areas = lamps.iter().any(|lamp| lamp.area.is_some());
         let ratio = if areas || self.variant.soft > 1 {

@@ -1,4 +1,4 @@
-//! What every pass needs in order to record itself into a frame.
+//! The context in which passes record their commands into a frame.
 
 use super::timing::Timer;
 

@@ -1,14 +1,14 @@
 //! Late reprojection: the finished picture as seen from the pose at which it is displayed.
 //!
-//! A picture is composed for the instant at which it was taken, so that real and virtual agree.
-//! Until it is displayed, the camera has moved on. The picture is therefore warped to the pose
-//! that is predicted for then, as if it hung on a wall in front of the camera at the distance of
+//! A picture is composed for the instant at which it was taken, so that real and virtual objects
+//! are registered. By the time it is displayed, the camera has moved. The picture is therefore
+//! warped to the pose predicted for that time, as a plane in front of the camera at the distance of
 //! the virtual objects: correct for every rotation of the head, and for its translation at that
 //! distance (van Waveren, "The asynchronous time warp for virtual reality on consumer hardware",
-//! 2016). Areas that came into view meanwhile are in no picture: there the edge is repeated.
+//! 2016). Areas that have come into view since then are missing: the edge is repeated there.
 
 use super::bindings::{CachedGroup, PipelineSpec, Slot, view};
-use super::lens::{direction_places, reach};
+use super::lens::{direction_texture, reach};
 use super::recorder::Recorder;
 use super::shaders::{self, Variant};
 use super::textures::{FrameTexture, format};
@@ -22,7 +22,7 @@ use wgpu::TextureUsages as U;
 pub struct Reprojection {
     /// Pose of the eye in the frame of the camera for which the picture was composed, metres.
     pub camera_from_eye: RigidTransform,
-    /// Distance of the wall on which the picture hangs, along the axis of the eye, metres.
+    /// Distance of the plane of the picture along the axis of the eye, metres.
     pub depth: f64,
 }
 
@@ -55,7 +55,7 @@ impl ReprojectStage {
         let (device, _) = gpu;
         let module = shaders::module(device, "reproject", Variant::PLAIN);
         let f = Slot::Unfilterable;
-        let inputs = CachedGroup::of_slots(device, "reproject", &[f, f, Slot::Uniform]);
+        let inputs = CachedGroup::from_slots(device, "reproject", &[f, f, Slot::Uniform]);
         let pipeline = PipelineSpec {
             label: "reproject",
             module: &module,
@@ -80,7 +80,7 @@ impl ReprojectStage {
         let straight = camera.distortion == [0.0; 5];
         let usage = U::RENDER_ATTACHMENT | U::TEXTURE_BINDING | U::COPY_SRC;
         Self {
-            directions: direction_places(gpu, &camera),
+            directions: direction_texture(gpu, &camera),
             output: FrameTexture::new(device, "reprojected", size, format::OUTPUT, usage),
             reach: if straight { 1e30 } else { reach(&camera) },
             camera,
@@ -151,7 +151,7 @@ mod tests {
     use glam::{DQuat, DVec2};
 
     #[test]
-    fn point_on_the_wall_is_found_where_the_camera_saw_it() {
+    fn point_on_the_plane_maps_to_the_pixel_of_the_camera() {
         let reprojection = Reprojection {
             camera_from_eye: RigidTransform::new(
                 DQuat::from_rotation_y(0.05) * DQuat::from_rotation_x(-0.02),

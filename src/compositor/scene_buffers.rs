@@ -43,7 +43,7 @@ pub struct DrawPart {
     pub details: Details,
     pub material: Option<wgpu::BindGroup>,
     pub double_sided: bool,
-    /// Has textures or an alpha cutoff.
+    /// Whether the material has textures or an alpha cutoff.
     pub textured: bool,
 }
 
@@ -169,7 +169,7 @@ impl SceneBuffers {
         self.phantom_casters.mesh.iter().map(|mesh| (0, mesh))
     }
 
-    /// Draws all phantoms as they are seen.
+    /// Draws all phantoms as visible surfaces.
     pub fn draw_phantoms(&self, pass: &mut wgpu::RenderPass<'_>) {
         for (part, instance) in self.phantom_parts.iter().zip(0..) {
             part.draw(pass, instance);
@@ -177,7 +177,7 @@ impl SceneBuffers {
     }
 }
 
-/// The parts that move, at their first positions.
+/// Creates the moving parts at their initial placements.
 fn moving(device: &wgpu::Device, scene: &Scene, casters: &[Part]) -> Vec<MovingPart> {
     let movers = scene.motions.parts.iter().filter_map(|mover| {
         let part = scene.virtual_parts.get(mover.index)?;

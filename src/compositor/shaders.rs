@@ -1,7 +1,7 @@
 //! The text of shaders: the file of a pass after the library files that it uses.
 
 use super::lamp_maps::MAX_VIEWS;
-use super::planes::options::SOURCES;
+use super::planes::options::MAX_SOURCES;
 use super::response_table::ENCODING;
 use penumbra_lighting::light::MAX_COMPACT_SOURCES;
 use penumbra_scene::lamps::MAX_LAMPS;
@@ -41,21 +41,21 @@ pub struct Variant {
     pub samples: u32,
     /// Look-ups of a shadow map per light and point; 1 = hard shadows.
     pub soft: u32,
-    /// There are lamps. Without them their code is omitted: software drivers run the body of a
-    /// loop once even if there is nothing to iterate over.
+    /// Whether there are lamps. Without them their code is omitted: software drivers run the body
+    /// of a loop once even if there is nothing to iterate over.
     pub lamps: bool,
-    /// Some of them are rectangles.
+    /// Whether any lamp is a rectangle.
     pub areas: bool,
-    /// A material has Phong's lobe.
+    /// Whether a material has Phong's lobe.
     pub phong: bool,
-    /// The shadow buffer has the resolution of the picture: edges of the real scene are examined
-    /// pixel by pixel.
+    /// Whether the shadow buffer has the resolution of the picture: edges of the real scene are
+    /// examined pixel by pixel.
     pub fine: bool,
-    /// The real picture is in another exposure than the camera's, and linear.
+    /// Whether the real picture is linear and in another exposure than the camera's.
     pub exposed: bool,
-    /// The camera's rows are read one after the other.
+    /// Whether the camera has a rolling shutter.
     pub rolling_shutter: bool,
-    /// The camera has vignetting.
+    /// Whether the camera has vignetting.
     pub vignetting: bool,
 }
 
@@ -323,8 +323,8 @@ pub fn baking(resolution: u32) -> [(&'static str, String); 4] {
 #[must_use]
 pub fn lighting() -> (&'static str, String) {
     let text = include_str!("shaders/planes_lights.wgsl");
-    let sources = format!("{}u", SOURCES);
-    ("planes_lights", text.replace("SOURCES", &sources))
+    let sources = format!("{}u", MAX_SOURCES);
+    ("planes_lights", text.replace("MAX_SOURCES", &sources))
 }
 
 /// The shader that plans which basis images are summed.
@@ -334,7 +334,7 @@ pub fn planning() -> (&'static str, String) {
     ("planes_plan", text.replace("BY_NORMAL", &by_normal()))
 }
 
-/// The shader that sums them.
+/// The shader that sums basis images.
 #[must_use]
 pub fn summing(of: Summing) -> (&'static str, String) {
     let text = [NORMAL, SUM_PLANES, include_str!("shaders/planes_sum.wgsl")].join("\n");
@@ -357,7 +357,7 @@ fn by_normal() -> String {
 /// The properties for which the text of `planes_sum` is made.
 #[derive(Clone, Copy, Debug)]
 pub struct Summing {
-    /// Planes of the real layer, otherwise of the virtual layer.
+    /// Whether the planes are of the real layer, otherwise of the virtual layer.
     pub real: bool,
     /// Maximum number of lights.
     pub lights: u32,
@@ -380,7 +380,7 @@ pub fn bake_module(device: &wgpu::Device, name: &str, resolution: u32) -> wgpu::
     compiled(device, name, baking(resolution))
 }
 
-/// Compiles one shader of that name.
+/// Compiles one shader from its name and text.
 pub fn one(device: &wgpu::Device, (name, text): (&'static str, String)) -> wgpu::ShaderModule {
     compiled(device, name, [(name, text)])
 }

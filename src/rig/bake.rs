@@ -6,7 +6,7 @@ use crate::setup::RigSetup;
 use crate::source::Source;
 use glam::DMat4;
 use penumbra_compositor::Gpu;
-use penumbra_compositor::planes::{Progress, bake, mend};
+use penumbra_compositor::planes::{Progress, bake, repair};
 use penumbra_config::{Config, PlanesConfig};
 use penumbra_scene::SceneChoice;
 use penumbra_scene::planes::Bake;
@@ -89,7 +89,7 @@ pub fn bake_changes(
     let renewal = renew(old, old_scene, scene, &plane_settings(config))?;
     let (planes, images) = renewal.counts();
     tracing::info!("the scene has changed: baking {planes} new planes, {images} images");
-    Ok(mend(gpu, scene, old, &renewal, progress)?)
+    Ok(repair(gpu, scene, old, &renewal, progress)?)
 }
 
 /// Returns the scene of a file: a scene file or a glTF model, with phantoms and ground of `session`

@@ -298,12 +298,12 @@ impl PlaneBakes {
         let Some(work) = compositor.plane_work()? else {
             return Ok(());
         };
-        self.status.planes_seen = work.seen as u32;
+        self.status.planes_seen = work.visible as u32;
         self.status.lights_skipped = work.lights_skipped as u32;
         self.status.sources = work.sources as u32;
         self.status.source_images = work.source_images;
         self.status
-            .count_picture(work.images as u32, work.resummed as u32);
+            .count_picture(work.images as u32, work.recomputed as u32);
         Ok(())
     }
 }

@@ -136,7 +136,7 @@ fn exposure(active: ActiveExposure) -> ExposureStatus {
     let brightness = active.brightness;
     ExposureStatus {
         ev: active.stops,
-        target_ev: active.wanted,
+        target_ev: active.target,
         camera: brightness.map(|b| b.camera),
         added: brightness.map(|b| b.added),
         removed: brightness.map(|b| b.taken),

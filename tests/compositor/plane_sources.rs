@@ -205,7 +205,7 @@ fn incrementally_baked_images_equal_those_baked_at_once() {
     // Steady light bakes nothing.
     let (_, later) = pictures(&mut ours, &mut stage, &last[..3]).pop().unwrap();
     assert_eq!(work.source_images, later.source_images);
-    assert_eq!((later.images, later.resummed), (0, 0));
+    assert_eq!((later.images, later.recomputed), (0, 0));
     // Pictures depend only on the pictures before them.
     let again = pictures(&mut compositor(&stage), &mut stage, &path);
     assert_eq!(first, again);

@@ -3,7 +3,7 @@
 use crate::comparison::{Rule, assert_like, assert_same_where, untouched, virtual_inside};
 use crate::stage::{Stage, gpu, lighting, part, sun};
 use glam::{DQuat, DVec2, DVec3, Vec3};
-use penumbra_compositor::planes::{PlaneWork, PlanesChoice, Thresholds, bake, mend};
+use penumbra_compositor::planes::{PlaneWork, PlanesChoice, Thresholds, bake, repair};
 use penumbra_compositor::{Compositor, FrameInput, GpuError};
 use penumbra_interface::RigidTransform;
 use penumbra_lighting::Lighting;
@@ -252,14 +252,17 @@ fn added_differences_equal_recomputed_sums() {
     let mut stage = stage_with(&luminance);
     let mut ours = compositor(&stage, planes());
     let (_, first) = compose(&mut ours, &stage, EXACT);
-    assert_eq!(first.resummed, first.seen);
+    assert_eq!(first.recomputed, first.visible);
     for step in 0..6_u8 {
         luminance[usize::from(3 * step)] *= 1.5;
         luminance[30 - usize::from(step)] *= 0.5;
         stage.lighting = Some(lit_by(&luminance, 2 + u64::from(step)));
         let (picture, work) = compose(&mut ours, &stage, EXACT);
         // At most two lights on each plane; some planes face away from them.
-        assert!(work.images > 0 && work.images <= 2 * work.seen, "{work:?}");
+        assert!(
+            work.images > 0 && work.images <= 2 * work.visible,
+            "{work:?}"
+        );
         let (fresh, _) = compose(&mut compositor(&stage, planes()), &stage, EXACT);
         let off = picture
             .rgba
@@ -292,7 +295,7 @@ fn steady_light_needs_no_images_and_faint_lights_are_skipped() {
         "{repaired:?}"
     );
     let (_, steady) = compose(&mut ours, &stage, thresholds);
-    assert_eq!((steady.images, steady.resummed), (0, 0));
+    assert_eq!((steady.images, steady.recomputed), (0, 0));
     // Noise of one per cent.
     let noisy: Vec<_> = luminance
         .iter()
@@ -301,12 +304,15 @@ fn steady_light_needs_no_images_and_faint_lights_are_skipped() {
         .collect();
     stage.lighting = Some(lit_by(&noisy, 2));
     let (_, noise) = compose(&mut ours, &stage, thresholds);
-    assert_eq!((noise.images, noise.resummed), (0, 0));
+    assert_eq!((noise.images, noise.recomputed), (0, 0));
     let mut cloudy = luminance;
     cloudy[7] *= 0.5;
     stage.lighting = Some(lit_by(&cloudy, 3));
     let (_, cloud) = compose(&mut ours, &stage, thresholds);
-    assert!(cloud.images > 0 && cloud.images <= cloud.seen, "{cloud:?}");
+    assert!(
+        cloud.images > 0 && cloud.images <= cloud.visible,
+        "{cloud:?}"
+    );
 }
 
 #[test]
@@ -315,13 +321,16 @@ fn hidden_planes_need_no_images_and_catch_up_when_visible() {
     let mut stage = stage_with(&luminance);
     let mut ours = compositor(&stage, planes());
     let (_, front) = compose(&mut ours, &stage, EXACT);
-    assert!(front.seen < planes().len(), "{front:?}");
+    assert!(front.visible < planes().len(), "{front:?}");
     stage.pose = Some(crate::stage::looking_from(
         DVec3::new(0.06, 0.4, 0.34),
         DVec3::ZERO,
     ));
     let (picture, back) = compose(&mut ours, &stage, EXACT);
-    assert!(back.resummed > 0 && back.resummed < back.seen, "{back:?}");
+    assert!(
+        back.recomputed > 0 && back.recomputed < back.visible,
+        "{back:?}"
+    );
     let (fresh, _) = compose(&mut compositor(&stage, planes()), &stage, EXACT);
     assert_eq!(picture, fresh);
 }
@@ -397,7 +406,7 @@ fn repaired_bake_equals_a_complete_bake() {
         "{planes} {images}"
     );
     let (mut reported_lights, mut all) = (Vec::new(), 0);
-    let repaired = mend(&gpu(), &new, &before, &renewal, &mut |done, of| {
+    let repaired = repair(&gpu(), &new, &before, &renewal, &mut |done, of| {
         reported_lights.push(done);
         all = of;
         ControlFlow::Continue(())
@@ -434,7 +443,7 @@ fn repaired_bake_equals_a_complete_bake() {
         "{off} of {}",
         repaired.images.len()
     );
-    let stopped = mend(&gpu(), &new, &before, &renewal, &mut |_, _| {
+    let stopped = repair(&gpu(), &new, &before, &renewal, &mut |_, _| {
         ControlFlow::Break(())
     });
     assert!(matches!(stopped, Err(GpuError::Stopped)));

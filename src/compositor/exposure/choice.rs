@@ -12,23 +12,23 @@ pub enum Exposure {
     Stops(f32),
     /// Follows the light that virtual lights add to the real scene.
     Automatic {
-        /// Its range and speed.
+        /// Range and speed of the adaptation.
         limits: AutoLimits,
         /// Time of the picture, seconds; only differences count.
         seconds: f64,
     },
 }
 
-/// The exposure of the newest picture, and its reason.
+/// The exposure of the newest picture, and the measurement from which it follows.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ActiveExposure {
     /// Stops relative to the camera's own; 0 leaves the picture unchanged.
     pub stops: f32,
     /// The target of an automatic exposure, stops; otherwise equal to `stops`.
-    pub wanted: f32,
-    /// The brightness that it follows; `None` where nothing was measured.
+    pub target: f32,
+    /// The brightness from which the target follows; `None` if nothing was measured.
     pub brightness: Option<Brightness>,
 }
 
-/// Maximum change of the exposure, stops each way.
+/// Maximum change of the exposure in either direction, stops.
 pub const MAX_STOPS: f32 = 8.0;

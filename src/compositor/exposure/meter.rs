@@ -1,5 +1,6 @@
-//! Measures on the device what virtual lights add to the real scene, and brings it back two
-//! pictures later, so that nobody waits; always two, so that a replay is always the same.
+//! Measures on the device the light that virtual lights add to the real scene. Each measurement is
+//! read two frames later, so that the CPU does not wait; always two, so that replays are
+//! reproducible.
 
 use super::super::bindings::{CachedGroup, Slot, compute_layout, compute_pipeline, group, view};
 use super::super::gpu::Gpu;
@@ -11,8 +12,8 @@ use super::control::Brightness;
 use super::region::{METER_GROUPS, constants};
 use wgpu::BufferUsages as Usage;
 
-/// Pictures between a measurement and its use.
-const LATENCY: usize = 2;
+/// Frames between a measurement and its use.
+const LATENCY_FRAMES: usize = 2;
 
 const BYTES: u64 = METER_GROUPS as u64 * 16;
 
@@ -23,22 +24,23 @@ struct MeterUniform {
     how: [u32; 4],
 }
 
-/// See the module.
+/// The exposure meter: its pass, and the measurements that are not read yet.
 pub struct Meter {
     pipeline: wgpu::ComputePipeline,
     picture: CachedGroup,
     own: wgpu::BindGroup,
     uniform: wgpu::Buffer,
     sums: wgpu::Buffer,
-    /// Measurements on their way, by the picture's number.
-    slots: [Sent; LATENCY],
+    /// Measurements that are not read yet, by the frame's number.
+    slots: [PendingMeasurement; LATENCY_FRAMES],
+    /// Number of the current frame, modulo [`LATENCY_FRAMES`].
     number: usize,
 }
 
-/// One measurement on its way.
-struct Sent {
+/// A measurement that is not read yet.
+struct PendingMeasurement {
     buffer: wgpu::Buffer,
-    /// It was recorded; once submitted, with what.
+    /// `None` if nothing was recorded, `Some(None)` until it is submitted, then the submission.
     submitted: Option<Option<wgpu::SubmissionIndex>>,
 }
 
@@ -69,7 +71,7 @@ impl Meter {
         Self {
             pipeline: compute_pipeline(device, &module, &layouts, "measure"),
             own: group(device, "exposure meter", &own_layout, &bound),
-            slots: std::array::from_fn(|_| Sent {
+            slots: std::array::from_fn(|_| PendingMeasurement {
                 buffer: buffer("metered", BYTES, Usage::COPY_DST | Usage::MAP_READ),
                 submitted: None,
             }),
@@ -80,26 +82,27 @@ impl Meter {
         }
     }
 
-    /// Begins a picture: what was measured [`LATENCY`] pictures before, if anything was.
+    /// Begins a frame; returns the measurement of [`LATENCY_FRAMES`] frames before, if there was
+    /// one. Waits for its submission.
     pub fn begin(&mut self, gpu: &Gpu) -> Option<Brightness> {
-        self.number = (self.number + 1) % LATENCY;
+        self.number = (self.number + 1) % LATENCY_FRAMES;
         let slot = &mut self.slots[self.number];
         let submission_index = slot.submitted.take()??;
         let done = wgpu::PollType::Wait {
             submission_index: Some(submission_index),
             timeout: None,
         };
-        // A lost device is told of when its picture is read.
+        // A lost device is reported when the picture is read.
         let polled = gpu.device.poll(done);
         let sums = match (polled, slot.buffer.get_mapped_range(..)) {
-            (Ok(_), Ok(bytes)) => Some(add_up(bytemuck::cast_slice(&bytes))),
+            (Ok(_), Ok(bytes)) => Some(means(bytemuck::cast_slice(&bytes))),
             _ => None,
         };
         slot.buffer.unmap();
         sums.flatten()
     }
 
-    /// Records a measurement of the picture begun last.
+    /// Records a measurement of the current frame.
     pub fn record(&mut self, r: &mut Recorder<'_>, real: RealPicture<'_>, light: SurfaceLight<'_>) {
         let resources = [
             view(&real.camera.view),
@@ -123,45 +126,47 @@ impl Meter {
         slot.submitted = Some(None);
     }
 
-    /// How shadows and lamps are put into the picture that is measured next.
-    pub fn upload(&self, queue: &wgpu::Queue, subtract: bool, shadow_step: u32, apart: bool) {
+    /// Uploads how shadows and lamps change the picture of the next measurement.
+    pub fn upload(&self, queue: &wgpu::Queue, subtract: bool, shadow_step: u32, lamps_apart: bool) {
         let uniform = MeterUniform {
             how: [
                 u32::from(subtract),
                 shadow_step.ilog2(),
-                u32::from(apart),
+                u32::from(lamps_apart),
                 0,
             ],
         };
         queue.write_buffer(&self.uniform, 0, bytemuck::bytes_of(&uniform));
     }
 
-    /// The picture begun last was submitted.
+    /// Starts reading the measurement of the current frame, which was submitted as `index`.
     pub fn submitted(&mut self, index: &wgpu::SubmissionIndex) {
         let slot = &mut self.slots[self.number];
-        if let Some(waiting @ None) = &mut slot.submitted {
-            *waiting = Some(index.clone());
+        if let Some(unsubmitted @ None) = &mut slot.submitted {
+            *unsubmitted = Some(index.clone());
             slot.buffer.map_async(wgpu::MapMode::Read, .., |_| ());
         }
     }
 }
 
-/// Means from sums of luminance, of what is added, of what is taken, and of points.
-fn add_up(sums: &[[f32; 4]]) -> Option<Brightness> {
-    let all = sums.iter().fold([0.0_f64; 4], |mut all, group| {
-        all.iter_mut()
+/// Returns the means from the workgroups' sums: camera luminance, added light, removed light,
+/// number of points; `None` without points or with values that are not finite.
+fn means(sums: &[[f32; 4]]) -> Option<Brightness> {
+    let totals = sums.iter().fold([0.0_f64; 4], |mut totals, group| {
+        totals
+            .iter_mut()
             .zip(group)
             .for_each(|(a, v)| *a += f64::from(*v));
-        all
+        totals
     });
-    let mean = |k: usize| (all[k] / all[3]) as f32;
+    let mean = |k: usize| (totals[k] / totals[3]) as f32;
     let brightness = Brightness {
         camera: mean(0),
         added: mean(1),
         taken: mean(2),
     };
-    let known = all[3] > 0.0 && all.iter().all(|v| v.is_finite());
-    known.then_some(brightness)
+    let is_valid = totals[3] > 0.0 && totals.iter().all(|v| v.is_finite());
+    is_valid.then_some(brightness)
 }
 
 #[cfg(test)]
@@ -169,15 +174,15 @@ mod tests {
     use super::*;
 
     #[test]
-    fn means_are_over_all_points_and_nonsense_is_nothing() {
+    fn means_cover_all_points_and_invalid_sums_give_none() {
         let sums = [[1.0, 0.5, 0.25, 4.0], [3.0, 0.0, 0.0, 4.0]];
-        let means = Brightness {
+        let expected = Brightness {
             camera: 0.5,
             added: 0.0625,
             taken: 0.03125,
         };
-        assert_eq!(add_up(&sums), Some(means));
-        assert_eq!(add_up(&[[0.0; 4]]), None);
-        assert_eq!(add_up(&[[f32::NAN, 0.0, 0.0, 4.0]]), None);
+        assert_eq!(means(&sums), Some(expected));
+        assert_eq!(means(&[[0.0; 4]]), None);
+        assert_eq!(means(&[[f32::NAN, 0.0, 0.0, 4.0]]), None);
     }
 }

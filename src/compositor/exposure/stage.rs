@@ -25,7 +25,7 @@ pub struct ExposureStage {
     follower: Option<Follower>,
     meter: Option<Meter>,
     /// Whether the next frame is measured.
-    measures: bool,
+    is_metering: bool,
     passes: Option<Box<ExposedPasses>>,
     highlights: Highlights,
 }
@@ -44,7 +44,7 @@ pub struct MeteredFrame {
     pub subtract: bool,
     /// Picture pixels per texel of the shadow buffer, each way.
     pub shadow_step: u32,
-    /// Whether the light of virtual lights is apart from the shadow buffer.
+    /// Whether the light of virtual lights is kept in a texture apart from the shadow buffer.
     pub lamps_apart: bool,
 }
 
@@ -74,43 +74,45 @@ impl ExposureStage {
         self.passes = None;
     }
 
-    /// Chooses the exposure of the next frame. `seen`: virtual objects or lights are in it.
-    pub fn choose(&mut self, gpu: &Gpu, input: &FrameInput<'_>, seen: bool) {
-        self.measures = false;
+    /// Chooses the exposure of the next frame. `has_virtual`: virtual objects or lights are in it.
+    pub fn choose(&mut self, gpu: &Gpu, input: &FrameInput<'_>, has_virtual: bool) {
+        self.is_metering = false;
         self.highlights = input.highlights;
         match input.exposure {
             // Without virtual objects the picture is the camera's.
-            _ if !input.show_virtual => self.fix(0.0),
-            Exposure::Camera => self.fix(0.0),
-            Exposure::Stops(stops) => self.fix(sound(stops)),
+            _ if !input.show_virtual => self.set_fixed(0.0),
+            Exposure::Camera => self.set_fixed(0.0),
+            Exposure::Stops(stops) => self.set_fixed(clamp_stops(stops)),
             Exposure::Automatic { limits, seconds } => {
                 self.follow(gpu, &limits, seconds);
                 let lit = !input.lamps.is_empty() || limits.brightest > 0.0;
-                self.measures = seen && lit;
+                self.is_metering = has_virtual && lit;
             }
         }
     }
 
-    fn fix(&mut self, stops: f32) {
+    /// Sets an exposure of `stops`, and removes the meter.
+    fn set_fixed(&mut self, stops: f32) {
         self.follower = None;
         self.meter = None;
         self.active = ActiveExposure {
             stops,
-            wanted: stops,
+            target: stops,
             brightness: None,
         };
     }
 
+    /// Follows the measured light within `limits`.
     fn follow(&mut self, gpu: &Gpu, limits: &AutoLimits, seconds: f64) {
         let meter = self.meter.get_or_insert_with(|| Meter::new(&gpu.device));
         let brightness = meter.begin(gpu);
-        let wanted = sound(brightness.map_or(0.0, |b| b.wanted(limits)));
+        let target = clamp_stops(brightness.map_or(0.0, |b| b.target_stops(limits)));
         let from = self.active.stops;
         let follower = self.follower.get_or_insert_with(|| Follower::from(from));
-        let stops = follower.follow(wanted, seconds, limits.adaptation_seconds);
+        let stops = follower.follow(target, seconds, limits.adaptation_seconds);
         self.active = ActiveExposure {
             stops,
-            wanted,
+            target,
             brightness,
         };
     }
@@ -152,7 +154,7 @@ impl ExposureStage {
             let change = (factor, self.highlights);
             passes.exposure.upload(queue, change, region, response);
         }
-        if let Some(meter) = self.meter.as_ref().filter(|_| self.measures) {
+        if let Some(meter) = self.meter.as_ref().filter(|_| self.is_metering) {
             let MeteredFrame {
                 subtract,
                 shadow_step,
@@ -199,7 +201,7 @@ impl ExposureStage {
         real: RealPicture<'_>,
         light: SurfaceLight<'_>,
     ) {
-        if let (true, Some(meter)) = (self.measures, &mut self.meter) {
+        if let (true, Some(meter)) = (self.is_metering, &mut self.meter) {
             meter.record(r, real, light);
         }
     }
@@ -213,7 +215,7 @@ impl ExposureStage {
 }
 
 /// Limits `stops` to the supported range; 0 for NaN.
-const fn sound(stops: f32) -> f32 {
+const fn clamp_stops(stops: f32) -> f32 {
     if stops.is_nan() {
         return 0.0;
     }

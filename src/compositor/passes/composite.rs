@@ -43,12 +43,12 @@ impl CompositePass {
         let (u, i) = (Slot::Unfilterable, Slot::Integer);
         let (packed, depth) = Slot::sampled(variant.samples);
         let slots = [u, Slot::Uniform, u, i, u, i, i, i, u];
-        let picture = CachedGroup::of_slots(device, "composite picture", &slots);
+        let picture = CachedGroup::from_slots(device, "composite picture", &slots);
         let slots = [packed, packed, depth];
-        let surfaces = CachedGroup::of_slots(device, "composite surfaces", &slots);
+        let surfaces = CachedGroup::from_slots(device, "composite surfaces", &slots);
         let (texture, cube) = (Slot::Texture, Slot::Cube);
         let slots = [Slot::Sampler, cube, texture, texture, cube, Slot::Uniform];
-        let light = CachedGroup::of_slots(device, "composite light", &slots);
+        let light = CachedGroup::from_slots(device, "composite light", &slots);
         let build = |vertex: &str, fragment: &str, compare, write| {
             PipelineSpec {
                 label: "composite",

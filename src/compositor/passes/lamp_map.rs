@@ -16,7 +16,7 @@ impl LampMapPass {
     pub fn new(device: &wgpu::Device, scene: &SceneLayouts) -> Self {
         let module = shaders::module(device, "lamp_map", shaders::Variant::PLAIN);
         // Not the group of the frame: that holds the maps that are drawn here.
-        let views = CachedGroup::of_slots(device, "lamp views", &[Slot::Uniform]);
+        let views = CachedGroup::from_slots(device, "lamp views", &[Slot::Uniform]);
         let pipeline = PipelineSpec {
             label: "lamp_map",
             module: &module,

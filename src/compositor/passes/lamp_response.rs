@@ -25,7 +25,7 @@ impl LampResponsePass {
     ) -> Self {
         let module = shaders::module(device, "lamp_response", variant);
         let slots = [Slot::Unfilterable, Slot::Uniform];
-        let picture = CachedGroup::of_slots(device, "lamp response picture", &slots);
+        let picture = CachedGroup::from_slots(device, "lamp response picture", &slots);
         let pipeline = PipelineSpec {
             label: "lamp_response",
             module: &module,

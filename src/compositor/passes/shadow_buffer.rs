@@ -168,7 +168,7 @@ impl MarkedPasses {
 impl ShadowBufferPass {
     pub fn new(device: &wgpu::Device, frame: &wgpu::BindGroupLayout, variant: Variant) -> Self {
         let slots = [Slot::DepthArray, Slot::DepthArray, Slot::Comparison];
-        let maps = CachedGroup::of_slots(device, "shadow maps", &slots);
+        let maps = CachedGroup::from_slots(device, "shadow maps", &slots);
         let (packed, depth) = Slot::sampled(variant.samples);
         let masks = [Slot::Integer; 5];
         let slots = [
@@ -176,7 +176,7 @@ impl ShadowBufferPass {
             &masks,
         ]
         .concat();
-        let surfaces = CachedGroup::of_slots(device, "surfaces", &slots);
+        let surfaces = CachedGroup::from_slots(device, "surfaces", &slots);
         let compare = device.create_sampler(&wgpu::SamplerDescriptor {
             label: Some("shadow compare"),
             mag_filter: wgpu::FilterMode::Linear,

@@ -51,7 +51,7 @@ impl SurroundingsPass {
         let module = shaders::module(device, "surroundings", variant);
         let u = Slot::Unfilterable;
         let slots = [u, Slot::Uniform, u, u];
-        let picture = CachedGroup::of_slots(device, "surroundings picture", &slots);
+        let picture = CachedGroup::from_slots(device, "surroundings picture", &slots);
         let finer_layout = layout(device, "surroundings level", &[u]);
         let build = |fragment: &str| {
             PipelineSpec {

@@ -50,7 +50,7 @@ impl TilesPass {
         let module = shaders::module(device, "tiles", variant);
         let (packed, depth) = Slot::sampled(variant.samples);
         let slots = [Slot::Unfilterable, Slot::Depth, packed, depth];
-        let surfaces = CachedGroup::of_slots(device, "tile surfaces", &slots);
+        let surfaces = CachedGroup::from_slots(device, "tile surfaces", &slots);
         let build = |fragment: &str| {
             PipelineSpec {
                 label: "tiles",

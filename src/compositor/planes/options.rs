@@ -2,9 +2,9 @@
 
 use penumbra_scene::PlaneShading;
 
-/// Maximum number of compact sources that are lights of their own in addition to the faces of the
-/// dome: outdoors the sun is the only one; in a room the third source casts faint shadows.
-pub const SOURCES: usize = 2;
+/// Maximum number of compact sources with lights of their own beside the faces of the dome:
+/// outdoors the sun is the only one; in a room the third source casts faint shadows.
+pub const MAX_SOURCES: usize = 2;
 
 /// When a plane's sum is recomputed. Both are shares of the total light that a plane receives.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -1,6 +1,6 @@
-//! Draws basis images of compact sources (sun, lamp) from their true directions while pictures go
-//! on: a few planes with each of them. What casts and what catches shadows stays on the device
-//! as it was baked.
+//! Bakes basis images of compact sources (sun, lamp) from their true directions while frames are
+//! composed, a few planes per frame. Casters and receivers stay on the device as they were at the
+//! time of the bake.
 
 use super::super::bindings::{Slot, compute_layout, compute_pipeline, group, view};
 use super::super::caster_hull::fit;
@@ -17,13 +17,14 @@ use penumbra_scene::Scene;
 use penumbra_scene::planes::{Bake, Layer};
 use wgpu::BufferUsages as U;
 
-/// Texels along a side of a direction's maps, half of the bake's: they are drawn between two
-/// pictures, which is twice as quick, and courtyard and desks come out the same to 1 %.
-const MAP: u32 = 1024;
+/// Texels along a side of a direction's maps: half of the bake's, because they are drawn between
+/// two frames and must be fast.
+const MAP_SIZE: u32 = 1024;
 
-/// Planes for which a direction is evaluated with one picture on a software driver: a quarter of
-/// a picture's time, as is drawing the direction's maps. A real GPU does all at once.
-const PLANES_A_PICTURE: u32 = 4;
+/// Planes per frame for which a direction is evaluated on a software driver: this takes a quarter
+/// of a frame's time, as does drawing the direction's maps. A real GPU evaluates all planes at
+/// once.
+const SOFTWARE_PLANES_PER_FRAME: u32 = 4;
 
 /// Twin of WGSL `Images` in `bake_source.wgsl`.
 #[repr(C)]
@@ -33,7 +34,7 @@ pub(super) struct Images {
     pub source: [u32; 4],
 }
 
-/// Where images go.
+/// The resources into which images are written.
 pub(super) struct SourceOutput {
     pub group: wgpu::BindGroup,
     /// Directions of lights.
@@ -43,7 +44,7 @@ pub(super) struct SourceOutput {
     pub across: u32,
 }
 
-/// What casts and what catches shadows, and what images are drawn through.
+/// The casters, the receivers and the passes that bake the images of compact sources.
 pub struct SourceBaker {
     pub(super) gpu: Gpu,
     pub(super) passes: BakePasses,
@@ -52,8 +53,8 @@ pub struct SourceBaker {
     pub(super) planes: u32,
     pub(super) real: u32,
     pub(super) side: u32,
-    /// Planes that are evaluated with one picture.
-    pub(super) pace: u32,
+    /// Planes that are evaluated per frame.
+    pub(super) planes_per_frame: u32,
     uniforms: [wgpu::Buffer; 3],
     pub(super) images: wgpu::Buffer,
     maps: [wgpu::TextureView; 2],
@@ -62,11 +63,12 @@ pub struct SourceBaker {
     pub(super) group: wgpu::BindGroup,
 }
 
+/// The pipelines that store finished sums as basis images.
 pub(super) struct Store {
     layout: wgpu::BindGroupLayout,
     pub store: wgpu::ComputePipeline,
     pub number: wgpu::ComputePipeline,
-    pub forget: wgpu::ComputePipeline,
+    pub reset: wgpu::ComputePipeline,
 }
 
 impl Store {
@@ -86,52 +88,53 @@ impl Store {
         Self {
             store: pipeline("store"),
             number: pipeline("number"),
-            forget: pipeline("reset"),
+            reset: pipeline("reset"),
             layout,
         }
     }
 }
 
 impl SourceBaker {
-    /// Uploads what `bake` was made of: `scene` as it stood then. It may take a second: not for
-    /// the thread that draws pictures.
+    /// Uploads `scene`, as it was when `bake` was made. This may take a second and must not run on
+    /// the render thread.
     ///
     /// # Errors
-    /// The device cannot hold sums for so many planes; it may be another than the one that the
-    /// bake was made on.
+    /// The device, which need not be the one that made the bake, cannot hold the sums of all
+    /// planes.
     pub fn new(gpu: &Gpu, scene: &Scene, bake: &Bake) -> Result<Self, GpuError> {
         let (device, queue) = (&gpu.device, &gpu.queue);
         let side = bake.settings.resolution;
         let planes = bake.planes.len();
         let texels = u64::from(side).pow(2) * planes as u64;
-        let most = device.limits().max_storage_buffer_binding_size;
-        if 16 * texels > most {
+        let max_bytes = device.limits().max_storage_buffer_binding_size;
+        if 16 * texels > max_bytes {
             let reason = format!(
-                "{planes} planes of {side}² texels with images of the sun and of lamps: {} MB, at \
-                 most {} MB; choose fewer or smaller ones, or `sources = false`, under [planes]",
+                "the sums of compact sources on {planes} planes of {side}² texels take {} MB, the \
+                 device allows {} MB; choose fewer or smaller planes, or `sources = false`, \
+                 in [planes]",
                 texels >> 16,
-                most >> 20
+                max_bytes >> 20
             );
             let adapter = gpu.name.clone();
             return Err(GpuError::Unfit { adapter, reason });
         }
         let passes = BakePasses::new(device, side);
-        let scene = BakeScene::new(device, queue, scene, &bake.planes, MAP);
+        let scene = BakeScene::new(device, queue, scene, &bake.planes, MAP_SIZE);
         let receivers = bake.receivers.iter();
         let receivers: Vec<_> = receivers.flat_map(|r| words(r, side as usize)).collect();
         let receivers = storage(device, queue, "receivers", &receivers);
-        let made = |label, bytes, usage| buffer_of(device, label, bytes, usage | U::COPY_DST);
-        let uniform = |label, size| made(label, size as u64, U::UNIFORM);
+        let buffer = |label, bytes, usage| buffer_of(device, label, bytes, usage | U::COPY_DST);
+        let uniform = |label, size| buffer(label, size as u64, U::UNIFORM);
         let uniforms = [
             uniform("direction", size_of::<Direction>()),
             uniform("map", 48),
             uniform("map", 48),
         ];
-        let maps = ["model map", "phantom map"].map(|label| depth_square(device, label, MAP));
-        let sums = made("sums", 16 * texels, U::STORAGE);
-        let flags = made("flags", 4 * planes as u64, U::STORAGE);
-        // `add` leaves it alone.
-        let lost = made("lost", 16, U::STORAGE);
+        let maps = ["model map", "phantom map"].map(|label| depth_square(device, label, MAP_SIZE));
+        let sums = buffer("sums", 16 * texels, U::STORAGE);
+        let flags = buffer("flags", 4 * planes as u64, U::STORAGE);
+        // `add` does not write it.
+        let lost = buffer("lost", 16, U::STORAGE);
         let read = [&uniforms[0], &scene.planes, &receivers];
         let group = passes.bind(device, read, [&maps[0], &maps[1]], [&sums, &lost, &flags]);
         let real = bake.planes.iter().filter(|p| p.layer == Layer::Real);
@@ -140,8 +143,8 @@ impl SourceBaker {
             planes: planes as u32,
             real: real.count() as u32,
             side,
-            pace: if gpu.software {
-                PLANES_A_PICTURE
+            planes_per_frame: if gpu.software {
+                SOFTWARE_PLANES_PER_FRAME
             } else {
                 u32::MAX
             },
@@ -157,7 +160,7 @@ impl SourceBaker {
         })
     }
 
-    /// Writes into the sums over `targets`.
+    /// Binds the resources `targets`, into which images are written.
     pub(super) fn bind(&self, targets: &SourceTargets<'_>) -> SourceOutput {
         let resources = [
             self.images.as_entire_binding(),
@@ -181,7 +184,7 @@ impl SourceBaker {
         }
     }
 
-    /// Both maps of a direction.
+    /// Draws both maps of a direction.
     pub(super) fn draw_maps(&self, encoder: &mut wgpu::CommandEncoder) {
         let device = &self.gpu.device;
         for (k, casters) in self.casters().into_iter().enumerate() {
@@ -195,22 +198,22 @@ impl SourceBaker {
         [&self.scene.model, &self.scene.phantoms]
     }
 
-    /// Tells the shaders a direction, its share, and the first plane that it is evaluated on.
-    pub(super) fn tell(&self, (towards, share): (Vec3, f32), first: u32) {
+    /// Uploads a direction, its share of the light, and the first plane that is evaluated.
+    pub(super) fn upload(&self, (towards, share): (Vec3, f32), first: u32) {
         let queue = &self.gpu.queue;
-        let [model, phantoms] = self.casters().map(|c| fit(&c.hull, towards, MAP));
-        let is = |c: &BakeCasters| if c.mesh.is_some() { 1.0 } else { 0.0 };
-        let [some_model, some_phantoms] = self.casters().map(is);
+        let [model, phantoms] = self.casters().map(|c| fit(&c.hull, towards, MAP_SIZE));
+        let flag = |c: &BakeCasters| if c.mesh.is_some() { 1.0 } else { 0.0 };
+        let [has_model, has_phantoms] = self.casters().map(flag);
         let uniform = Direction {
             model: model.rows,
             phantoms: phantoms.rows,
             towards: towards.extend(share).to_array(),
-            texels: [model.texel, phantoms.texel, some_model, some_phantoms],
+            texels: [model.texel, phantoms.texel, has_model, has_phantoms],
             planes: [first, 0, 0, 0],
         };
-        let [direction, of_model, of_phantoms] = &self.uniforms;
+        let [direction, model_map, phantom_map] = &self.uniforms;
         queue.write_buffer(direction, 0, bytemuck::bytes_of(&uniform));
-        queue.write_buffer(of_model, 0, bytemuck::cast_slice(&model.rows));
-        queue.write_buffer(of_phantoms, 0, bytemuck::cast_slice(&phantoms.rows));
+        queue.write_buffer(model_map, 0, bytemuck::cast_slice(&model.rows));
+        queue.write_buffer(phantom_map, 0, bytemuck::cast_slice(&phantoms.rows));
     }
 }

@@ -1,11 +1,11 @@
-//! Compact sources as lights of their own among those of planes: which they are, their images, and
-//! what they take from the faces of the dome.
+//! Compact sources as lights of their own among the lights of shadowing planes: follows the
+//! sources, bakes their images, and moves their light out of the faces of the dome.
 
 use super::super::bindings::{Slot, compute_layout, compute_pipeline, group};
 use super::super::shaders;
 use super::compute::buffer_of;
-use super::options::SOURCES;
-use super::source_drawing::Drawing;
+use super::options::MAX_SOURCES;
+use super::source_bake::SourceBake;
 use super::source_images::{SourceBaker, SourceOutput};
 use super::source_slots::SourceSlots;
 use super::source_targets::{SOURCE_LIGHTS, SourceTargets};
@@ -13,21 +13,21 @@ use glam::Quat;
 use penumbra_lighting::geodesic::FaceLight;
 use wgpu::BufferUsages as U;
 
-/// What has been done for sources so far.
+/// Counts of the work for compact sources.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct SourceWork {
-    /// Sources that are lit by their own images.
+    /// Number of sources that are lit by their own images.
     pub sources: usize,
-    /// Basis images drawn since the bake was put in force.
+    /// Basis images baked for sources since the bake was activated.
     pub images: u64,
 }
 
-/// Everything that is kept for sources.
+/// Owns the slots of sources, their baker and their lights.
 pub(super) struct SourceStage {
     baker: SourceBaker,
     output: SourceOutput,
     slots: SourceSlots,
-    drawing: Option<Drawing>,
+    bake: Option<SourceBake>,
     lights: SourceLights,
     planes: u64,
     pub work: SourceWork,
@@ -39,50 +39,50 @@ impl SourceStage {
             output: baker.bind(targets),
             lights: SourceLights::new(device, targets.dome_lights as usize),
             slots: SourceSlots::default(),
-            drawing: None,
+            bake: None,
             planes: targets.planes as u64,
             work: SourceWork::default(),
             baker,
         }
     }
 
-    /// The bake was turned with its model.
-    pub fn turn(&mut self, bake_from_world: Quat) {
+    /// Sets the rotation of the bake, which follows its model.
+    pub fn set_rotation(&mut self, bake_from_world: Quat) {
         self.slots.bake_from_world = bake_from_world;
     }
 
-    /// One picture in a light: follows its sources, draws some of the images
-    /// that they want, and tells the device what they take from faces.
+    /// Prepares one frame under `light`: follows its sources, bakes some of the images that they
+    /// need, and uploads the irradiance that they take from faces.
     pub fn prepare(&mut self, queue: &wgpu::Queue, light: &FaceLight) {
         let first = self.slots.follow(&light.sources);
-        while self.draw() && first {}
+        while self.bake_step() && first {}
         self.slots.fade(first);
         self.work.sources = self
             .slots
-            .shown()
+            .in_use()
             .filter(|(_, share, _)| *share > 0.0)
             .count();
         self.lights.upload(queue, &self.slots);
     }
 
-    /// A step of what is wanted; false where nothing is.
-    fn draw(&mut self) -> bool {
-        if self.drawing.is_none() {
-            self.drawing = self.slots.wanted().map(Drawing::new);
+    /// Bakes one step of the requested images; returns false if none are requested.
+    fn bake_step(&mut self) -> bool {
+        if self.bake.is_none() {
+            self.bake = self.slots.request().map(SourceBake::new);
         }
-        let Some(drawing) = &mut self.drawing else {
+        let Some(bake) = &mut self.bake else {
             return false;
         };
-        if drawing.step(&self.baker, &self.output) {
-            self.slots.made(&drawing.wanted);
+        if bake.step(&self.baker, &self.output) {
+            self.slots.finish(&bake.request);
             self.work.images += self.planes;
-            self.drawing = None;
+            self.bake = None;
         }
         true
     }
 
-    /// Divides the faces' sums among faces and sources, where they are other than before; says
-    /// whether they were.
+    /// Divides the sums of faces among faces and sources if any of these changed; returns the
+    /// lights and whether they changed.
     pub fn record(
         &mut self,
         device: &wgpu::Device,
@@ -95,19 +95,19 @@ impl SourceStage {
     }
 }
 
-/// Faces and sources as lights.
+/// The lights of faces and sources.
 struct SourceLights {
     layout: wgpu::BindGroupLayout,
-    give: wgpu::ComputePipeline,
+    assign: wgpu::ComputePipeline,
     faces: usize,
-    /// Head, then what each source takes from each face.
+    /// Header, then the irradiance that each source takes from each face.
     rows: Vec<[f32; 4]>,
     uploaded: Vec<[f32; 4]>,
     taken: wgpu::Buffer,
     lights: wgpu::Buffer,
-    /// And the sums that it was made for.
+    /// The bind group, and the sums that it binds.
     group: Option<(wgpu::Buffer, wgpu::BindGroup)>,
-    due: bool,
+    is_due: bool,
 }
 
 impl SourceLights {
@@ -115,11 +115,11 @@ impl SourceLights {
         let slots = [Slot::Storage, Slot::Storage, Slot::StorageWritten];
         let layout = compute_layout(device, "lights", &slots);
         let module = shaders::one(device, shaders::lighting());
-        let rows = vec![[0.0; 4]; 1 + SOURCES * faces];
+        let rows = vec![[0.0; 4]; 1 + MAX_SOURCES * faces];
         let buffer =
             |rows: usize, usage| buffer_of(device, "lights", 16 * rows as u64, U::STORAGE | usage);
         Self {
-            give: compute_pipeline(device, &module, &[&layout], "assign"),
+            assign: compute_pipeline(device, &module, &[&layout], "assign"),
             layout,
             taken: buffer(rows.len(), U::COPY_DST),
             lights: buffer(faces + SOURCE_LIGHTS, U::COPY_SRC),
@@ -127,28 +127,28 @@ impl SourceLights {
             faces,
             rows,
             group: None,
-            due: true,
+            is_due: true,
         }
     }
 
     fn upload(&mut self, queue: &wgpu::Queue, slots: &SourceSlots) {
         self.rows.fill([0.0; 4]);
-        let mut head = [self.faces as u32, 0, 0, 0];
-        for (s, (in_use, share, taken)) in slots.shown().enumerate() {
-            head[1 + s] = in_use as u32;
+        let mut header = [self.faces as u32, 0, 0, 0];
+        for (s, (in_use, share, taken)) in slots.in_use().enumerate() {
+            header[1 + s] = in_use as u32;
             for (face, irradiance) in taken.iter().filter(|(f, _)| (*f as usize) < self.faces) {
                 let row = &mut self.rows[1 + s * self.faces + *face as usize];
                 *row = (*irradiance * share).extend(0.0).to_array();
             }
         }
-        self.rows[0] = head.map(f32::from_bits);
+        self.rows[0] = header.map(f32::from_bits);
         let rows: &[u8] = bytemuck::cast_slice(&self.rows);
         if rows == bytemuck::cast_slice::<_, u8>(&self.uploaded) {
             return;
         }
         queue.write_buffer(&self.taken, 0, rows);
         self.uploaded.clone_from(&self.rows);
-        self.due = true;
+        self.is_due = true;
     }
 
     fn record(
@@ -158,11 +158,11 @@ impl SourceLights {
         sums: &wgpu::Buffer,
         changed: bool,
     ) -> bool {
-        if !(std::mem::take(&mut self.due) || changed) {
+        if !(std::mem::take(&mut self.is_due) || changed) {
             return false;
         }
-        let known = self.group.take().filter(|(bound, _)| bound == sums);
-        let (_, group) = self.group.insert(known.unwrap_or_else(|| {
+        let current = self.group.take().filter(|(bound, _)| bound == sums);
+        let (_, group) = self.group.insert(current.unwrap_or_else(|| {
             let all = [sums, &self.taken, &self.lights].map(wgpu::Buffer::as_entire_binding);
             (sums.clone(), group(device, "lights", &self.layout, &all))
         }));
@@ -170,7 +170,7 @@ impl SourceLights {
             label: Some("lights"),
             timestamp_writes: None,
         });
-        pass.set_pipeline(&self.give);
+        pass.set_pipeline(&self.assign);
         pass.set_bind_group(0, &*group, &[]);
         pass.dispatch_workgroups(1, 1, 1);
         true

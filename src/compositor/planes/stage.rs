@@ -1,4 +1,5 @@
-//! Shadowing planes as a technique of the compositor.
+//! Shadowing planes as a step of the frame: uploads the light, sums basis images, and provides the
+//! shadows and the lights of the frame.
 
 use super::super::frame_input::FrameInput;
 use super::super::gpu::{Gpu, GpuError};
@@ -16,34 +17,40 @@ use penumbra_lighting::{DomeLight, LightKind};
 use penumbra_scene::PlaneShading;
 use penumbra_scene::planes::{Bake, ShadowingPlane};
 
-/// Everything that the technique keeps: a bake on the device and what works on it.
+/// Owns a bake on the device and the passes that sum it.
 pub struct PlanesStage {
     passes: SynthesisPasses,
     luminance: LuminancePass,
     synthesis: Synthesis,
     sources: Option<SourceStage>,
     dome: GeodesicDome,
-    show: Option<MarkedPasses>,
-    shown: bool,
-    /// As they were baked.
+    /// The passes that draw the shadows of the planes.
+    shadow_passes: Option<MarkedPasses>,
+    /// Whether the current frame uses planes.
+    is_active: bool,
+    /// The planes as they were baked.
     planes: Vec<ShadowingPlane>,
     world_from_bake: RigidTransform,
-    /// Lights of faces, for shading, and of which light and shading they are.
+    /// Lights of faces, for shading.
     lights: Vec<DomeLight>,
-    lights_of: Option<(u64, PlaneShading)>,
+    /// Generation of the light and the shading for which `lights` were made.
+    lights_made_for: Option<(u64, PlaneShading)>,
 }
 
 impl PlanesStage {
-    /// Uploads a bake and compiles what sums it; for `sources` see
+    /// Uploads a bake and compiles the passes that sum it; for `sources` see
     /// [`crate::Compositor::set_bake_with_sources`]. May run on any thread.
     ///
     /// # Errors
-    /// A bake of a dome that cannot be; more images than the device can hold.
+    /// The bake has an impossible dome, or more images than the device can hold.
     pub fn new(gpu: &Gpu, bake: &Bake, sources: Option<SourceBaker>) -> Result<Self, GpuError> {
         let device = &gpu.device;
         let dome = GeodesicDome::new(bake.settings.frequency).ok_or_else(|| GpuError::Unfit {
             adapter: gpu.name.clone(),
-            reason: format!("a geodesic dome of frequency {}", bake.settings.frequency),
+            reason: format!(
+                "the bake has a geodesic dome of unsupported frequency {}",
+                bake.settings.frequency
+            ),
         })?;
         let passes = SynthesisPasses::new(device);
         let synthesis = Synthesis::new(gpu, &passes, bake, sources.is_some())?;
@@ -55,39 +62,39 @@ impl PlanesStage {
             luminance: LuminancePass::for_adapter(gpu),
             passes,
             dome,
-            show: None,
-            shown: false,
+            shadow_passes: None,
+            is_active: false,
             planes: bake.planes.clone(),
             world_from_bake: RigidTransform::IDENTITY,
             lights: Vec::new(),
-            lights_of: None,
+            lights_made_for: None,
         })
     }
 
-    /// Discards the passes that show planes: the shaders have to be compiled again.
+    /// Discards the shadow passes: the shaders have to be compiled again.
     pub(crate) fn forget_pipelines(&mut self) {
-        self.show = None;
+        self.shadow_passes = None;
     }
 
-    /// Takes over the passes that show planes: they are the same for all bakes.
+    /// Takes over the shadow passes of another stage: they are the same for all bakes.
     pub(crate) fn take_pipelines(&mut self, before: Self) {
-        self.show = before.show;
+        self.shadow_passes = before.shadow_passes;
     }
 
     /// Moves the planes with a model that was moved as a whole since it was baked.
     pub(crate) fn place(&mut self, world_from_bake: RigidTransform) {
         self.world_from_bake = world_from_bake;
         self.synthesis.place(&self.planes, world_from_bake);
-        self.lights_of = None;
+        self.lights_made_for = None;
         if let Some(sources) = &mut self.sources {
-            sources.turn(world_from_bake.rotation.inverse().as_quat());
+            sources.set_rotation(world_from_bake.rotation.inverse().as_quat());
         }
     }
 
     /// The work of the last frame; `None` if its shadows did not come from planes. Waits for the
     /// device.
     pub(crate) fn work(&self, gpu: &Gpu) -> Result<Option<PlaneWork>, GpuError> {
-        if !self.shown {
+        if !self.is_active {
             return Ok(None);
         }
         let sources = self.sources.as_ref().map(|s| s.work).unwrap_or_default();
@@ -98,9 +105,8 @@ impl PlanesStage {
         }))
     }
 
-    /// Uploads what planes need in this frame; `passes` compiles the passes that show planes from
-    /// the layout of the sums. Returns false where planes are not the technique, or where they
-    /// have no light.
+    /// Uploads the light and the visible planes of this frame; `passes` compiles the shadow passes
+    /// from the layout of the sums. Returns false if the frame does not use planes or has no light.
     ///
     /// # Errors
     /// The light has more pixels than the device can read.
@@ -112,7 +118,7 @@ impl PlanesStage {
         augmented: bool,
         passes: impl FnOnce(&wgpu::BindGroupLayout) -> MarkedPasses,
     ) -> Result<bool, GpuError> {
-        self.shown = false;
+        self.is_active = false;
         let (Some(choice), Some(pose)) = (input.planes, input.world_from_camera) else {
             return Ok(false);
         };
@@ -135,18 +141,18 @@ impl PlanesStage {
             sources.prepare(queue, faces);
         }
         let layout = &self.passes.shown_layout;
-        self.show.get_or_insert_with(|| passes(layout));
+        self.shadow_passes.get_or_insert_with(|| passes(layout));
         let clip_from_world = camera(pose.inverse().to_matrix());
         self.synthesis
             .prepare(queue, clip_from_world, pose.translation, choice.thresholds);
-        self.shown = true;
+        self.is_active = true;
         Ok(true)
     }
 
     /// Sums basis images under the light of this frame; `None` where the frame does not use
     /// planes.
     pub(crate) fn record(&mut self, r: &mut Recorder<'_>) -> Option<ShadowSource<'_>> {
-        if !self.shown {
+        if !self.is_active {
             return None;
         }
         let changed = self.luminance.record(r.device, r.encoder, r.timer);
@@ -158,19 +164,20 @@ impl PlanesStage {
         self.synthesis
             .record(r.device, r.encoder, r.timer, &self.passes, lights);
         Some(ShadowSource::Planes(
-            self.show.as_ref()?,
+            self.shadow_passes.as_ref()?,
             self.synthesis.group(),
         ))
     }
 
-    /// The lights that shade virtual objects: those of the environment, or of faces.
+    /// Returns the lights that shade virtual objects: `lights` of the environment, or those of
+    /// faces.
     pub(crate) fn shade<'a>(
         &'a mut self,
         input: &FrameInput<'_>,
         uniform: &mut FrameUniform,
         lights: &'a [DomeLight],
     ) -> &'a [DomeLight] {
-        let (low, high) = self.synthesis.reach();
+        let (low, high) = self.synthesis.bounds();
         uniform.planes_low = low.as_vec3().extend(1.0).to_array();
         uniform.planes_high = high.as_vec3().extend(0.0).to_array();
         let shading = input.planes.map_or(PlaneShading::Irradiance, |p| p.shading);
@@ -178,11 +185,12 @@ impl PlanesStage {
         let (Some((lighting, faces)), false) = (faces, shading == PlaneShading::Irradiance) else {
             return lights;
         };
-        if self.lights_of != Some((lighting.generation, shading)) {
+        if self.lights_made_for != Some((lighting.generation, shading)) {
             self.light_faces(&sum_faces(faces), shading == PlaneShading::Six);
-            self.lights_of = Some((lighting.generation, shading));
+            self.lights_made_for = Some((lighting.generation, shading));
         }
-        // Only the ground is left of what no light stands for: π/2 · L · (1 − n.z).
+        // Of the light that no dome light represents, only the ground's remains: π/2 · L · (1 −
+        // n.z).
         let ground = Vec3::from_slice(&uniform.ground[..3]) * std::f32::consts::FRAC_PI_2;
         uniform.harmonics = [[0.0; 4]; 9];
         if uniform.params[2] > 0.0 {
@@ -192,24 +200,24 @@ impl PlanesStage {
         &self.lights
     }
 
-    /// One light per face, or the papers' six.
+    /// Makes one light per face or, with `six`, the papers' six lights.
     fn light_faces(&mut self, sums: &[Vec3], six: bool) {
         self.lights.clear();
-        let turn = self.world_from_bake.rotation.as_quat();
+        let rotation = self.world_from_bake.rotation.as_quat();
         if six {
             let six = self.dome.six_groups();
             let each = six.directions.iter().zip(six.sums(sums));
             self.lights
-                .extend(each.map(|(d, s)| light_of(turn * *d, s)));
+                .extend(each.map(|(d, s)| directional_light(rotation * *d, s)));
         } else {
             let each = self.dome.faces.iter().zip(sums);
             self.lights
-                .extend(each.map(|(f, s)| light_of(turn * f.centre, *s)));
+                .extend(each.map(|(f, s)| directional_light(rotation * f.centre, *s)));
         }
     }
 }
 
-fn light_of(direction: Vec3, irradiance: Vec3) -> DomeLight {
+fn directional_light(direction: Vec3, irradiance: Vec3) -> DomeLight {
     DomeLight {
         direction,
         irradiance,

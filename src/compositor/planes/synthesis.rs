@@ -10,8 +10,8 @@ use super::compute::{buffer_of, storage};
 use super::options::Thresholds;
 use super::readback::with_bytes;
 use super::receiver::words;
-use super::shown::{ShownPlane, ShownPlanes};
 use super::source_targets::{SOURCE_LIGHTS, SourceTargets};
+use super::visible_planes::{VisiblePlane, VisiblePlanes};
 use bytemuck::{Pod, Zeroable};
 use glam::{DMat4, DVec3};
 use penumbra_interface::RigidTransform;
@@ -62,9 +62,9 @@ struct Job {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct PlaneWork {
     /// Planes that face the viewer and lie in the picture.
-    pub seen: usize,
-    /// Of those, planes whose sum was recomputed or updated.
-    pub resummed: usize,
+    pub visible: usize,
+    /// Of those, planes whose sums were recomputed or updated.
+    pub recomputed: usize,
     /// Basis images that were summed.
     pub images: usize,
     /// Basis images of the visible planes: those that a complete sum would read.
@@ -146,7 +146,7 @@ pub struct Synthesis {
     settings: Settings,
     dome_lights: u32,
     atlas: Atlas,
-    shown: ShownPlanes,
+    visible_planes: VisiblePlanes,
     buffers: Buffers,
     /// The group, and the buffer of luminances that it binds.
     plan_group: Option<(wgpu::Buffer, wgpu::BindGroup)>,
@@ -204,7 +204,7 @@ impl Buffers {
             basis: storage(device, queue, "basis", &numbers),
             jobs: kept("jobs", jobs, U::COPY_SRC | U::INDIRECT),
             readable: buffer_of(device, "jobs", jobs as u64, U::COPY_DST | U::MAP_READ),
-            shown: kept("shown", ShownPlanes::bytes(planes), U::COPY_DST),
+            shown: kept("shown", VisiblePlanes::bytes(planes), U::COPY_DST),
         }
     }
 }
@@ -301,7 +301,7 @@ impl Synthesis {
             dome_lights: bake.lights() as u32,
             atlas,
             settings,
-            shown: ShownPlanes::of(bake),
+            visible_planes: VisiblePlanes::new(bake),
             plan_group: None,
             sums: passes.sums(device, summing),
             sum_group,
@@ -335,13 +335,13 @@ impl Synthesis {
 
     /// Bounding box of the planes of the real layer, world: minimum and maximum.
     #[must_use]
-    pub const fn reach(&self) -> (DVec3, DVec3) {
-        self.shown.reach
+    pub const fn bounds(&self) -> (DVec3, DVec3) {
+        self.visible_planes.bounds
     }
 
     /// Moves the bake's `planes` with the objects that carry them.
     pub fn place(&mut self, planes: &[ShadowingPlane], world_from_bake: RigidTransform) {
-        self.shown.place(planes, world_from_bake);
+        self.visible_planes.place(planes, world_from_bake);
     }
 
     /// Determines the planes that are visible from `eye` in the view `clip_from_world`, and uploads
@@ -353,7 +353,7 @@ impl Synthesis {
         eye: DVec3,
         thresholds: Thresholds,
     ) {
-        let seen = self.shown.choose(clip_from_world, eye);
+        let seen = self.visible_planes.find_visible(clip_from_world, eye);
         for (flag, seen) in self.visible.iter_mut().zip(seen) {
             *flag = u32::from(*seen);
         }
@@ -362,13 +362,13 @@ impl Synthesis {
             0,
             bytemuck::cast_slice(&self.visible),
         );
-        let (count, each) = self.shown.uploads();
+        let (count, each) = self.visible_planes.uploads();
         queue.write_buffer(&self.buffers.shown, 0, bytemuck::cast_slice(count));
         if !each.is_empty() {
             queue.write_buffer(
                 &self.buffers.shown,
                 16,
-                bytemuck::cast_slice::<ShownPlane, u8>(each),
+                bytemuck::cast_slice::<VisiblePlane, u8>(each),
             );
         }
         let lights = self.dome_lights.max(1) as f32;
@@ -463,8 +463,8 @@ impl Synthesis {
         let mut work = PlaneWork::default();
         for (job, seen) in jobs.zip(&self.visible) {
             let job: Job = bytemuck::pod_read_unaligned(job);
-            work.seen += *seen as usize;
-            work.resummed += usize::from(job.groups[0] > 0);
+            work.visible += *seen as usize;
+            work.recomputed += usize::from(job.groups[0] > 0);
             work.images += (job.stored + job.black) as usize;
             work.images_in_sight += (*seen * self.dome_lights) as usize;
             work.lights_skipped = work.lights_skipped.max(job.skipped as usize);

@@ -80,7 +80,7 @@ fn level(linear: DVec3, clipped: DVec3, around: DVec4) -> DVec3 {
     let reliable = DVec3::ONE - clipped;
     let colour = around.truncate();
     let scale = reliable.dot(linear) / reliable.dot(colour).max(1e-6);
-    let by_colour = (colour * scale).clamp(DVec3::ONE, DVec3::splat(f64::from(e::MOST_BY_COLOUR)));
+    let by_colour = (colour * scale).clamp(DVec3::ONE, DVec3::splat(f64::from(e::MAX_BY_COLOUR)));
     let by_region = 1.0 + around.w;
     let known = reliable.element_sum().clamp(0.0, 1.0) * colour.max_element();
     DVec3::from(
@@ -127,9 +127,9 @@ impl Sums {
 
     /// Estimated light above white of clipped pixels in this region.
     fn excess(&self) -> f64 {
-        let faint = f64::from(e::FAINT) * self.pixels;
-        let surround =
-            (self.reliable_squared + faint * f64::from(e::USUAL)) / (self.reliable + faint);
+        let min_light = f64::from(e::MIN_LIGHT) * self.pixels;
+        let surround = (self.reliable_squared + min_light * f64::from(e::DEFAULT_LUMINANCE))
+            / (self.reliable + min_light);
         let edge = (1.0 - surround).clamp(0.0, 1.0);
         let size = smoothstep(
             f64::from(e::SMALL_SHARE),
@@ -145,7 +145,7 @@ impl Sums {
         let free = 1.0 - self.clipped / self.pixels;
         let mean = self.reliable / self.pixels / (free + 1e-3);
         smoothstep(f64::from(e::SHARP), f64::from(e::GENTLE), mean)
-            * (free * f64::from(e::ENOUGH)).clamp(0.0, 1.0)
+            * (free / f64::from(e::MIN_UNCLIPPED_FRACTION)).clamp(0.0, 1.0)
     }
 }
 
@@ -154,7 +154,7 @@ impl Sums {
 fn around(region: &Sums, near: &Sums) -> DVec4 {
     let far = f64::from(e::FAR_COLOUR);
     let colour = near.colour / near.pixels + far * region.colour / region.pixels;
-    let colour = colour / (colour.max_element() + far * f64::from(e::FAINT));
+    let colour = colour / (colour.max_element() + far * f64::from(e::MIN_LIGHT));
     colour.extend(region.excess() * (1.0 - near.gentleness()))
 }
 

@@ -92,7 +92,7 @@ fn highlights(@builtin(position) position: vec4f) -> Exposed {
     let there = textureSampleLevel(around, around_sampler, uv, 0.0);
     let reliable = vec3f(1.0) - c;
     let scale = dot(reliable, linear) / max(dot(reliable, there.rgb), 1e-6);
-    let by_colour = clamp(scale * there.rgb, vec3f(1.0), vec3f(MOST_BY_COLOUR));
+    let by_colour = clamp(scale * there.rgb, vec3f(1.0), vec3f(MAX_BY_COLOUR));
     let by_region = vec3f(1.0 + there.a);
     let confidence = max(max(there.r, there.g), there.b);
     let known = clamp(reliable.r + reliable.g + reliable.b, 0.0, 1.0) * confidence;

@@ -143,7 +143,7 @@ fn region(block: vec2i, reach: i32, blocks: vec2u, size: vec2u) -> Region {
 fn excess(reliable: vec2f, clipped_share: f32) -> f32 {
     // Weighted by luminance itself, so that the pixels next to the clipped area count and not the
     // dark ones.
-    let surround = (reliable.y + FAINT * USUAL) / (reliable.x + FAINT);
+    let surround = (reliable.y + MIN_LIGHT * DEFAULT_LUMINANCE) / (reliable.x + MIN_LIGHT);
     let edge = clamp(1.0 - surround, 0.0, 1.0);
     return edge * edge * mix(SMALL_EXCESS, LARGE_EXCESS, smoothstep(SMALL_SHARE, LARGE_SHARE, clipped_share));
 }
@@ -153,7 +153,7 @@ fn excess(reliable: vec2f, clipped_share: f32) -> f32 {
 // fraction.
 fn gentleness(reliable: f32, clipped_share: f32) -> f32 {
     let free = 1.0 - clipped_share;
-    return smoothstep(SHARP, GENTLE, reliable / (free + 1e-3)) * clamp(free * ENOUGH, 0.0, 1.0);
+    return smoothstep(SHARP, GENTLE, reliable / (free + 1e-3)) * clamp(free * (1.0 / MIN_UNCLIPPED_FRACTION), 0.0, 1.0);
 }
 
 @compute @workgroup_size(8, 8)
@@ -177,6 +177,6 @@ fn region_means(@builtin(global_invocation_id) id: vec3u) {
     let mean = reliable.x;
     if all(id.xy < blocks) {
         let above = select(above_white, mean, by_paper());
-        textureStore(around, id.xy, 0, vec4f(colours / (greatest + FAR_COLOUR * FAINT), above));
+        textureStore(around, id.xy, 0, vec4f(colours / (greatest + FAR_COLOUR * MIN_LIGHT), above));
     }
 }

@@ -17,17 +17,17 @@ struct Sources {
 @group(0) @binding(1) var<storage, read> sources: Sources;
 @group(0) @binding(2) var<storage, read_write> lights: array<vec4f>;
 
-var<workgroup> partial: array<array<vec4f, LANES>, SOURCES>;
+var<workgroup> partial: array<array<vec4f, LANES>, MAX_SOURCES>;
 
 @compute @workgroup_size(LANES)
 fn assign(@builtin(local_invocation_index) lane: u32) {
     let faces = sources.faces.x;
-    for (var s = 0u; s < SOURCES; s++) {
+    for (var s = 0u; s < MAX_SOURCES; s++) {
         partial[s][lane] = vec4f(0.0);
     }
     for (var i = lane; i < faces; i += LANES) {
         var left = sums[i];
-        for (var s = 0u; s < SOURCES; s++) {
+        for (var s = 0u; s < MAX_SOURCES; s++) {
             let taken = min(sources.taken[s * faces + i], left);
             left -= taken;
             partial[s][lane] += taken;
@@ -35,7 +35,7 @@ fn assign(@builtin(local_invocation_index) lane: u32) {
         lights[i] = left;
     }
     workgroupBarrier();
-    if lane < SOURCES {
+    if lane < MAX_SOURCES {
         var sum = vec4f(0.0);
         for (var k = 0u; k < LANES; k++) {
             sum += partial[lane][k];

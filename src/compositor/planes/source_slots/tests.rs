@@ -13,133 +13,134 @@ fn source(id: u32, direction: Vec3, strength: f32) -> FaceSource {
     }
 }
 
-fn turned(direction: Vec3, degrees: f32) -> Vec3 {
+fn rotated(direction: Vec3, degrees: f32) -> Vec3 {
     Quat::from_rotation_z(degrees.to_radians()) * direction
 }
 
-/// One picture; images that are wanted are there at once where `drawn`.
-fn picture(slots: &mut SourceSlots, sources: &[FaceSource], drawn: bool) -> Option<Wanted> {
+/// Runs one frame and returns its first request; with `baked`, all requested images are finished at
+/// once.
+fn frame(slots: &mut SourceSlots, sources: &[FaceSource], baked: bool) -> Option<BakeRequest> {
     let first = slots.follow(sources);
-    let wanted = slots.wanted();
-    while let Some(wanted) = slots.wanted().filter(|_| drawn) {
-        slots.made(&wanted);
+    let request = slots.request();
+    while let Some(request) = slots.request().filter(|_| baked) {
+        slots.finish(&request);
     }
     slots.fade(first);
-    wanted
+    request
 }
 
 fn shares(slots: &SourceSlots) -> Vec<f32> {
-    slots.shown().map(|(_, share, _)| share).collect()
+    slots.in_use().map(|(_, share, _)| share).collect()
 }
 
 const SUN: Vec3 = Vec3::new(0.6, 0.0, 0.8);
 const LAMP: Vec3 = Vec3::new(-0.6, 0.5, 0.5);
 
 #[test]
-fn the_first_picture_is_whole_and_later_sources_fade_in_and_out() {
+fn sources_of_the_first_frame_are_lit_at_once_and_later_sources_fade_in_and_out() {
     let mut slots = SourceSlots::default();
     let (sun, lamp) = (source(3, SUN, 2.0), source(5, LAMP, 1.0));
-    picture(&mut slots, std::slice::from_ref(&sun), true);
+    frame(&mut slots, std::slice::from_ref(&sun), true);
     assert_eq!(shares(&slots), [1.0, 0.0]);
     let both = [sun.clone(), lamp];
     let mut before = 0.0;
-    for _ in 0..FADE {
-        picture(&mut slots, &both, true);
+    for _ in 0..FADE_FRAMES {
+        frame(&mut slots, &both, true);
         let share = shares(&slots)[1];
         assert!(share > before && shares(&slots)[0] == 1.0);
         before = share;
     }
     assert_eq!(before, 1.0);
-    for _ in 0..FADE {
-        picture(&mut slots, &both[1..], true);
+    for _ in 0..FADE_FRAMES {
+        frame(&mut slots, &both[1..], true);
         let share = shares(&slots)[0];
         assert!(share < before && shares(&slots)[1] == 1.0);
-        // What it had goes on being taken: the face gives what it still has.
-        assert_eq!(slots.shown().next().unwrap().2, sun.irradiance_in_faces);
+        // A source that fades out still takes its last irradiance from its faces.
+        assert_eq!(slots.in_use().next().unwrap().2, sun.irradiance_in_faces);
         before = share;
     }
     assert_eq!(before, 0.0);
 }
 
 #[test]
-fn faces_serve_until_there_are_images() {
+fn sources_are_lit_by_faces_until_images_are_finished() {
     let mut slots = SourceSlots::default();
-    picture(&mut slots, &[], false);
+    frame(&mut slots, &[], false);
     let sun = [source(3, SUN, 2.0)];
     for _ in 0..20 {
-        assert!(picture(&mut slots, &sun, false).is_some());
+        assert!(frame(&mut slots, &sun, false).is_some());
         assert_eq!(shares(&slots), [0.0, 0.0]);
     }
-    picture(&mut slots, &sun, true);
+    frame(&mut slots, &sun, true);
     assert!(shares(&slots)[0] > 0.0);
 }
 
 #[test]
-fn images_follow_in_small_steps_and_into_the_other_set() {
+fn images_follow_small_movements_in_alternating_sets() {
     let mut slots = SourceSlots::default();
-    picture(&mut slots, &[source(3, SUN, 2.0)], true);
-    let mut set = slots.shown().next().unwrap().0;
+    frame(&mut slots, &[source(3, SUN, 2.0)], true);
+    let mut set = slots.in_use().next().unwrap().0;
     assert_eq!(
-        picture(&mut slots, &[source(3, turned(SUN, 0.2), 2.0)], true),
+        frame(&mut slots, &[source(3, rotated(SUN, 0.2), 2.0)], true),
         None
     );
     for step in 1..=4 {
-        let at = turned(SUN, 0.5 * step as f32);
-        let wanted = picture(&mut slots, &[source(3, at, 2.0)], true).unwrap();
-        assert_eq!(wanted.set, 1 - set);
-        assert!((wanted.mean() - at).length() < 1e-5);
-        set = slots.shown().next().unwrap().0;
-        assert_eq!(set, wanted.set);
+        let at = rotated(SUN, 0.5 * step as f32);
+        let request = frame(&mut slots, &[source(3, at, 2.0)], true).unwrap();
+        assert_eq!(request.set, 1 - set);
+        assert!((request.mean() - at).length() < 1e-5);
+        set = slots.in_use().next().unwrap().0;
+        assert_eq!(set, request.set);
         assert_eq!(shares(&slots), [1.0, 0.0]);
     }
 }
 
 #[test]
-fn the_last_images_serve_while_a_source_moves_and_faces_after_a_jump() {
+fn last_images_are_used_while_a_source_moves_and_faces_after_a_jump() {
     let mut slots = SourceSlots::default();
-    picture(&mut slots, &[source(3, SUN, 2.0)], true);
+    frame(&mut slots, &[source(3, SUN, 2.0)], true);
     for step in 0..10 {
-        picture(
+        frame(
             &mut slots,
-            &[source(3, turned(SUN, step as f32), 2.0)],
+            &[source(3, rotated(SUN, step as f32), 2.0)],
             false,
         );
         assert_eq!(shares(&slots)[0], 1.0);
     }
-    picture(&mut slots, &[source(3, turned(SUN, 40.0), 2.0)], false);
+    frame(&mut slots, &[source(3, rotated(SUN, 40.0), 2.0)], false);
     assert!(shares(&slots)[0] < 1.0);
-    for _ in 0..FADE {
-        picture(&mut slots, &[source(3, turned(SUN, 40.0), 2.0)], false);
+    for _ in 0..FADE_FRAMES {
+        frame(&mut slots, &[source(3, rotated(SUN, 40.0), 2.0)], false);
     }
     assert_eq!(shares(&slots)[0], 0.0);
 }
 
 #[test]
-fn one_that_is_found_again_where_it_was_needs_no_new_images() {
+fn source_found_again_at_its_old_direction_needs_no_new_images() {
     let mut slots = SourceSlots::default();
-    picture(&mut slots, &[source(3, SUN, 2.0)], true);
-    picture(&mut slots, &[], true);
+    frame(&mut slots, &[source(3, SUN, 2.0)], true);
+    frame(&mut slots, &[], true);
     assert!(shares(&slots)[0] < 1.0);
     assert_eq!(
-        picture(&mut slots, &[source(4, turned(SUN, 0.1), 2.0)], true),
+        frame(&mut slots, &[source(4, rotated(SUN, 0.1), 2.0)], true),
         None
     );
     assert_eq!(shares(&slots), [1.0, 0.0]);
 }
 
 #[test]
-fn only_a_much_stronger_source_takes_the_place_of_another() {
+fn only_a_much_stronger_source_replaces_another() {
     let mut slots = SourceSlots::default();
     let (a, b) = (source(1, SUN, 2.0), source(2, LAMP, 1.0));
-    picture(&mut slots, &[a.clone(), b.clone()], true);
+    frame(&mut slots, &[a.clone(), b.clone()], true);
     assert_eq!(shares(&slots), [1.0, 1.0]);
     let third = |strength| source(9, Vec3::new(0.0, -0.6, 0.4), strength);
     for _ in 0..3 {
-        picture(&mut slots, &[a.clone(), third(1.2), b.clone()], true);
+        frame(&mut slots, &[a.clone(), third(1.2), b.clone()], true);
         assert_eq!(shares(&slots), [1.0, 1.0]);
     }
-    for _ in 0..3 * FADE {
-        picture(&mut slots, &[a.clone(), third(1.8), b.clone()], true);
+    for _ in 0..3 * FADE_FRAMES {
+        frame(&mut slots, &[a.clone(), third(1.8), b.clone()], true);
     }
     assert_eq!(shares(&slots), [1.0, 1.0]);
     assert_eq!(slots.slots[1].source.as_ref().unwrap().id, 9);
@@ -147,9 +148,9 @@ fn only_a_much_stronger_source_takes_the_place_of_another() {
 
 #[test]
 fn wide_sources_have_many_directions_and_narrow_ones_few() {
-    let of = |radius: f32, lights: usize| {
+    let directions_of = |radius: f32, lights: usize| {
         let mut lights: Vec<_> = disc(SUN, radius, lights).collect();
-        // Those that follow one another lie side by side.
+        // Consecutive lights lie side by side.
         let (right, up) = SUN.any_orthonormal_pair();
         lights.sort_by_key(|d| (8.0 * d.dot(up).atan2(d.dot(right))) as i32);
         let share = 1.0 / lights.len() as f32;
@@ -161,11 +162,11 @@ fn wide_sources_have_many_directions_and_narrow_ones_few() {
         };
         directions(&source)
     };
-    assert_eq!(of(0.005, 1).len(), 1);
-    assert_eq!(of(0.1, 1).len(), MOST_DIRECTIONS);
+    assert_eq!(directions_of(0.005, 1).len(), 1);
+    assert_eq!(directions_of(0.1, 1).len(), MAX_DIRECTIONS);
     for (radius, lights) in [(0.015, 1), (0.2, 1), (0.2, 7), (0.3, 16), (0.3, 60)] {
-        let all = of(radius, lights);
-        assert!(all.len() <= MOST_DIRECTIONS, "{}", all.len());
+        let all = directions_of(radius, lights);
+        assert!(all.len() <= MAX_DIRECTIONS, "{}", all.len());
         let total: f32 = all.iter().map(|(_, share)| share).sum();
         assert!((total - 1.0).abs() < 1e-5);
         let farthest = all.iter().map(|(d, _)| d.angle_between(SUN));
@@ -183,7 +184,7 @@ fn wide_sources_have_many_directions_and_narrow_ones_few() {
 }
 
 #[test]
-fn a_source_without_energy_or_direction_is_harmless() {
+fn source_without_energy_or_direction_is_never_lit() {
     let dark = FaceSource {
         spread: vec![(SUN, 0.0)],
         ..source(1, SUN, 0.0)
@@ -195,7 +196,7 @@ fn a_source_without_energy_or_direction_is_harmless() {
         ..source(2, SUN, 1.0)
     };
     for _ in 0..2 {
-        picture(&mut slots, std::slice::from_ref(&nowhere), true);
+        frame(&mut slots, std::slice::from_ref(&nowhere), true);
     }
     assert!(shares(&slots)[0] == 0.0);
 }

@@ -10,8 +10,8 @@ use penumbra_lighting::geodesic::FaceSource;
 const FACES: usize = 40;
 
 fn gpu() -> Gpu {
-    let wanted = std::env::var("PENUMBRA_TEST_ADAPTER").unwrap_or_else(|_| "llvmpipe".to_owned());
-    Gpu::open(Some(&wanted)).expect("`make test` installs the software driver")
+    let adapter = std::env::var("PENUMBRA_TEST_ADAPTER").unwrap_or_else(|_| "llvmpipe".to_owned());
+    Gpu::open(Some(&adapter)).expect("`make test` installs the software driver")
 }
 
 fn source(id: u32, taken: &[(u32, Vec3)]) -> FaceSource {
@@ -23,18 +23,18 @@ fn source(id: u32, taken: &[(u32, Vec3)]) -> FaceSource {
     }
 }
 
-/// Slots that follow `sources` with images at hand.
+/// Returns slots that follow `sources` and whose images are finished.
 fn following(sources: &[FaceSource]) -> SourceSlots {
     let mut slots = SourceSlots::default();
     slots.follow(sources);
-    while let Some(wanted) = slots.wanted() {
-        slots.made(&wanted);
+    while let Some(request) = slots.request() {
+        slots.finish(&request);
     }
     slots.fade(true);
     slots
 }
 
-/// What becomes of faces' sums.
+/// Returns the lights of faces and sources for the `sums` of faces.
 fn lights(gpu: &Gpu, sums: &[[f32; 4]], slots: &SourceSlots) -> Vec<Vec3> {
     let (device, queue) = (&gpu.device, &gpu.queue);
     let sums = storage(device, queue, "sums", sums);
@@ -52,8 +52,8 @@ fn lights(gpu: &Gpu, sums: &[[f32; 4]], slots: &SourceSlots) -> Vec<Vec3> {
 }
 
 fn sky() -> Vec<[f32; 4]> {
-    let of = |i: usize| [0.1 + 0.01 * i as f32, 0.2, 0.3, 0.0];
-    let mut sums: Vec<_> = (0..FACES).map(of).collect();
+    let sum = |i: usize| [0.1 + 0.01 * i as f32, 0.2, 0.3, 0.0];
+    let mut sums: Vec<_> = (0..FACES).map(sum).collect();
     sums[7] = [9.0, 8.0, 6.0, 0.0];
     sums[8] = [4.0, 4.0, 3.0, 0.0];
     sums
@@ -64,7 +64,7 @@ fn total(rows: &[[f32; 4]]) -> Vec3 {
 }
 
 #[test]
-fn sources_get_what_their_faces_lose_and_nothing_more() {
+fn sources_get_exactly_the_light_that_their_faces_lose() {
     let (gpu, sums) = (gpu(), sky());
     let sun = source(1, &[(7, Vec3::new(8.9, 7.8, 5.7)), (8, Vec3::splat(2.0))]);
     let lamp = source(2, &[(8, Vec3::splat(0.5)), (12, Vec3::splat(0.05))]);
@@ -73,12 +73,12 @@ fn sources_get_what_their_faces_lose_and_nothing_more() {
     let all: Vec3 = given.iter().sum();
     assert!((all - total(&sums)).abs().max_element() < 1e-4, "{all}");
     for (at, own) in [(FACES, &sun), (FACES + 2, &lamp)] {
-        let gets = given[at] + given[at + 1];
+        let light = given[at] + given[at + 1];
         assert!(
-            (gets - own.irradiance()).abs().max_element() < 1e-5,
-            "{gets}"
+            (light - own.irradiance()).abs().max_element() < 1e-5,
+            "{light}"
         );
-        // One of two has it all.
+        // One of the two sets has all of the light.
         assert!(given[at].min(given[at + 1]) == Vec3::ZERO);
     }
     assert!((given[7] - Vec3::new(0.1, 0.2, 0.3)).abs().max_element() < 1e-5);
@@ -86,9 +86,10 @@ fn sources_get_what_their_faces_lose_and_nothing_more() {
 }
 
 #[test]
-fn no_face_gives_more_than_it_has() {
+fn no_face_loses_more_light_than_it_has() {
     let (gpu, sums) = (gpu(), sky());
-    // Both were brighter a moment ago, and some of it lies where the dome has no face.
+    // Both sources were brighter in an earlier frame, and one takes light of a face that does not
+    // exist.
     let first = source(1, &[(7, Vec3::splat(20.0)), (900, Vec3::ONE)]);
     let second = source(2, &[(7, Vec3::splat(20.0)), (9, Vec3::splat(0.1))]);
     let given = lights(&gpu, &sums, &following(&[first, second]));
@@ -99,7 +100,7 @@ fn no_face_gives_more_than_it_has() {
 }
 
 #[test]
-fn without_sources_faces_keep_every_bit() {
+fn without_sources_faces_are_unchanged_bit_for_bit() {
     let (gpu, sums) = (gpu(), sky());
     let given = lights(&gpu, &sums, &following(&[]));
     for (given, had) in given.iter().zip(&sums) {

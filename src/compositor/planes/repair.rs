@@ -1,4 +1,5 @@
-//! Bakes anew what a changed scene asks for, and takes the rest from the bake before.
+//! Repairs a bake after a change of the scene: bakes the images that changed, and copies the others
+//! from the old bake.
 
 use super::super::gpu::{Gpu, GpuError};
 use super::baker::{Baker, Progress, faces, report};
@@ -6,11 +7,11 @@ use penumbra_scene::Scene;
 use penumbra_scene::planes::renew::Renewal;
 use penumbra_scene::planes::{Bake, Basis, Image, ReceiverImage, ShadowingPlane};
 
-/// Bakes what `renewal` asks for, and takes the rest from `old`. The key is left zero.
+/// Bakes the images that `renewal` lists, and copies the others from `old`. The key is left zero.
 ///
 /// # Errors
 /// As for [`super::bake`].
-pub fn mend(
+pub fn repair(
     gpu: &Gpu,
     scene: &Scene,
     old: &Bake,
@@ -25,9 +26,9 @@ pub fn mend(
         .filter(|k| row(*k).contains(&true))
         .collect();
     let planes: Vec<ShadowingPlane> = active.iter().map(|k| renewal.planes[*k].clone()).collect();
-    let mut mending = Mending::new(old, renewal, lights);
+    let mut repaired = RepairedBake::new(old, renewal, lights);
     if planes.is_empty() {
-        return Ok(mending.finish(renewal, Vec::new(), &active));
+        return Ok(repaired.finish(renewal, Vec::new(), &active));
     }
     let mut baker = Baker::new(gpu, scene, &planes, settings);
     let receivers = baker.receivers(scene, &planes)?;
@@ -35,24 +36,24 @@ pub fn mend(
     for (i, face) in faces.iter().enumerate() {
         report(progress, i, lights)?;
         if active.iter().any(|k| row(*k)[i]) {
-            let drawn = work.light(&baker, face, &mut mending.texels)?;
+            let drawn = work.light(&baker, face, &mut repaired.texels)?;
             for (k, basis) in active.iter().zip(drawn) {
-                mending.images[k * lights + i] = Some(basis);
+                repaired.images[k * lights + i] = Some(basis);
             }
         }
     }
     report(progress, lights, lights)?;
-    Ok(mending.finish(renewal, receivers, &active))
+    Ok(repaired.finish(renewal, receivers, &active))
 }
 
-/// A bake that takes what it can from an old one.
-struct Mending<'a> {
+/// A bake in the making, which reuses the unchanged images of an old one.
+struct RepairedBake<'a> {
     old: &'a Bake,
     images: Vec<Option<Basis>>,
     texels: Vec<u8>,
 }
 
-impl<'a> Mending<'a> {
+impl<'a> RepairedBake<'a> {
     fn new(old: &'a Bake, renewal: &Renewal, lights: usize) -> Self {
         Self {
             old,
@@ -61,7 +62,8 @@ impl<'a> Mending<'a> {
         }
     }
 
-    /// Takes over what was not drawn. `receivers` are those of the `active` planes.
+    /// Copies the images and receivers that were not baked again. `receivers` are those of the
+    /// `active` planes.
     fn finish(
         mut self,
         renewal: &Renewal,
@@ -74,7 +76,7 @@ impl<'a> Mending<'a> {
             for i in 0..lights {
                 if self.images[k * lights + i].is_none() {
                     let basis = self.old.images.get(from * lights + i).copied();
-                    self.images[k * lights + i] = basis.map(|b| self.taken(b));
+                    self.images[k * lights + i] = basis.map(|b| self.copy(b));
                 }
             }
         }
@@ -87,11 +89,11 @@ impl<'a> Mending<'a> {
         for (k, receiver) in active.iter().zip(receivers) {
             all[*k] = receiver;
         }
-        let nothing = Basis {
+        let black = Basis {
             past_all: Image::Black,
             past_phantoms: Image::Black,
         };
-        let images = self.images.iter().map(|b| b.unwrap_or(nothing));
+        let images = self.images.iter().map(|b| b.unwrap_or(black));
         Bake {
             key: [0; 32],
             settings: self.old.settings,
@@ -102,9 +104,10 @@ impl<'a> Mending<'a> {
         }
     }
 
-    fn taken(&mut self, basis: Basis) -> Basis {
+    /// Copies the stored texels of an image of the old bake.
+    fn copy(&mut self, basis: Basis) -> Basis {
         let size = self.old.settings.resolution.pow(2) as usize;
-        let mut copy = |image: Image| match image {
+        let mut copied = |image: Image| match image {
             Image::Stored(number) => {
                 let at = number as usize * size;
                 let new = self.texels.len() / size;
@@ -115,8 +118,8 @@ impl<'a> Mending<'a> {
             other => other,
         };
         Basis {
-            past_all: copy(basis.past_all),
-            past_phantoms: copy(basis.past_phantoms),
+            past_all: copied(basis.past_all),
+            past_phantoms: copied(basis.past_phantoms),
         }
     }
 }

@@ -1,14 +1,14 @@
-//! Which planes the picture shows: those that face the viewer and lie in it.
+//! Finds the planes that are visible in a frame: those that face the viewer and lie in the picture.
 
 use bytemuck::{Pod, Zeroable};
 use glam::{DMat4, DVec3, DVec4};
 use penumbra_interface::RigidTransform;
 use penumbra_scene::planes::{Bake, Layer, Receiver, ShadowingPlane};
 
-/// Twin of WGSL `ShownPlane` in `lib/planes.wgsl`.
+/// Twin of WGSL `VisiblePlane` in `lib/planes.wgsl`.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
-pub(super) struct ShownPlane {
+pub(super) struct VisiblePlane {
     u: [f32; 4],
     v: [f32; 4],
     behind: [f32; 4],
@@ -17,48 +17,48 @@ pub(super) struct ShownPlane {
     scale: [f32; 4],
 }
 
-/// Surfaces behind a plane may face up to so much away from it and still be seen: cosine of
-/// plane and view.
-const TURNED_AWAY: f64 = -0.3;
+/// Minimum cosine between the normal of a plane with a surface receiver and the direction to the
+/// viewer. It is negative because the surfaces behind a plane may be turned away from its normal.
+const MIN_SURFACE_COSINE: f64 = -0.3;
 
-/// Texels over which a plane fades out at its border.
+/// Width of the border over which a plane fades out, texels.
 const FADE: f32 = 1.5;
 
-/// Texels by which a point may lie before or behind the receiver.
+/// Maximum distance of a point from the receiver along the plane's normal, texels.
 const TOLERANCE: f64 = 1.5;
 
-/// All planes of a bake, and those in sight.
-pub(super) struct ShownPlanes {
+/// All planes of a bake, and those that are visible in the current frame.
+pub(super) struct VisiblePlanes {
     side: u32,
-    all: Vec<(ShownPlane, ShadowingPlane)>,
-    seen: Vec<bool>,
+    all: Vec<(VisiblePlane, ShadowingPlane)>,
+    is_visible: Vec<bool>,
     count: [u32; 4],
-    chosen: Vec<ShownPlane>,
-    /// Box around what planes of the real layer cover.
-    pub reach: (DVec3, DVec3),
+    visible: Vec<VisiblePlane>,
+    /// Bounding box of the planes of the real layer, slabs included.
+    pub bounds: (DVec3, DVec3),
 }
 
-impl ShownPlanes {
-    pub fn of(bake: &Bake) -> Self {
+impl VisiblePlanes {
+    pub fn new(bake: &Bake) -> Self {
         let count = bake.planes.len();
         let mut all = Self {
             side: bake.settings.resolution,
             all: Vec::with_capacity(count),
-            seen: vec![false; count],
+            is_visible: vec![false; count],
             count: [0; 4],
-            chosen: Vec::with_capacity(count),
-            reach: (DVec3::ZERO, DVec3::ZERO),
+            visible: Vec::with_capacity(count),
+            bounds: (DVec3::ZERO, DVec3::ZERO),
         };
         all.place(&bake.planes, RigidTransform::IDENTITY);
         all
     }
 
-    /// Puts the bake's `planes` where a motion carries them.
+    /// Moves the `planes` of the bake by `world_from_bake`.
     pub fn place(&mut self, planes: &[ShadowingPlane], world_from_bake: RigidTransform) {
         let placed = planes.iter().map(|p| p.moved(world_from_bake));
-        let shown = |(k, p): (usize, ShadowingPlane)| (shown(&p, k as u32, self.side), p);
+        let uniform = |(k, p): (usize, ShadowingPlane)| (visible_plane(&p, k as u32, self.side), p);
         self.all.clear();
-        self.all.extend(placed.enumerate().map(shown));
+        self.all.extend(placed.enumerate().map(uniform));
         let real = self.all.iter().filter(|(_, p)| p.layer == Layer::Real);
         let (low, high) = real
             .flat_map(|(_, p)| corners(p))
@@ -67,46 +67,47 @@ impl ShownPlanes {
             });
         // Surfaces lie on the box's faces, and depths are not exact.
         let margin = DVec3::splat(0.005 + 0.01 * (high - low).max_element().max(0.0));
-        self.reach = (low - margin, high + margin);
+        self.bounds = (low - margin, high + margin);
     }
 
-    /// Bytes of the buffer for as many planes.
+    /// Size of the buffer for a number of planes, bytes.
     pub const fn bytes(planes: usize) -> usize {
-        16 + size_of::<ShownPlane>() * if planes == 0 { 1 } else { planes }
+        16 + size_of::<VisiblePlane>() * if planes == 0 { 1 } else { planes }
     }
 
-    /// Chooses; tells of each plane whether it is in sight.
-    pub fn choose(&mut self, clip_from_world: DMat4, eye: DVec3) -> &[bool] {
-        self.chosen.clear();
+    /// Finds the visible planes; returns for each plane whether it is visible.
+    pub fn find_visible(&mut self, clip_from_world: DMat4, eye: DVec3) -> &[bool] {
+        self.visible.clear();
         self.count = [0; 4];
-        for ((shown, plane), seen) in self.all.iter().zip(&mut self.seen) {
-            *seen = faces(plane, eye) && in_picture(plane, clip_from_world);
-            if *seen {
-                self.chosen.push(*shown);
+        for ((uniform, plane), is_visible) in self.all.iter().zip(&mut self.is_visible) {
+            *is_visible = faces(plane, eye) && is_in_picture(plane, clip_from_world);
+            if *is_visible {
+                self.visible.push(*uniform);
                 self.count[1] += 1;
                 self.count[0] += u32::from(plane.layer == Layer::Real);
             }
         }
-        &self.seen
+        &self.is_visible
     }
 
-    /// Counts and planes as the shaders read them.
-    pub fn uploads(&self) -> (&[u32; 4], &[ShownPlane]) {
-        (&self.count, &self.chosen)
+    /// The counts (planes of the real layer, all planes) and the planes, as the shaders read them.
+    pub fn uploads(&self) -> (&[u32; 4], &[VisiblePlane]) {
+        (&self.count, &self.visible)
     }
 }
 
+/// Whether any corner of the plane faces the viewer.
 fn faces(plane: &ShadowingPlane, eye: DVec3) -> bool {
-    let least = match plane.receiver {
+    let min_cosine = match plane.receiver {
         Receiver::Plane => 0.0,
-        Receiver::Surface => TURNED_AWAY,
+        Receiver::Surface => MIN_SURFACE_COSINE,
     };
-    // From close by a plane is seen at many angles: its nearest corner decides.
-    corners(plane).any(|c| (eye - c).normalize_or_zero().dot(plane.normal()) > least)
+    // From close by, the viewing angle varies across a plane: one corner is enough.
+    corners(plane).any(|c| (eye - c).normalize_or_zero().dot(plane.normal()) > min_cosine)
 }
 
-/// Whether a part of the slab may lie in the picture (reversed depth: w is the distance).
-fn in_picture(plane: &ShadowingPlane, clip_from_world: DMat4) -> bool {
+/// Whether any part of the slab may lie in the picture (reversed depth: w is the distance).
+fn is_in_picture(plane: &ShadowingPlane, clip_from_world: DMat4) -> bool {
     let clip: [DVec4; 8] = {
         let mut all = corners(plane);
         std::array::from_fn(|_| clip_from_world * all.next().unwrap_or_default().extend(1.0))
@@ -135,7 +136,7 @@ fn corners(plane: &ShadowingPlane) -> impl Iterator<Item = DVec3> {
     })
 }
 
-fn shown(plane: &ShadowingPlane, layer: u32, side: u32) -> ShownPlane {
+fn visible_plane(plane: &ShadowingPlane, layer: u32, side: u32) -> VisiblePlane {
     let row = |axis: DVec3, at: f64| axis.extend(at).as_vec4().to_array();
     let across = |axis: DVec3, half: f64| {
         let axis = axis / (2.0 * half);
@@ -144,13 +145,13 @@ fn shown(plane: &ShadowingPlane, layer: u32, side: u32) -> ShownPlane {
     let normal = plane.normal();
     let texel = 2.0 * plane.half_size.max_element() / f64::from(side);
     let flat = plane.receiver == Receiver::Plane;
-    // A flat receiver stands for whatever lies in its slab.
+    // A flat receiver represents all surfaces in its slab.
     let tolerance = if flat {
         0.5 * texel + 1e-3
     } else {
         TOLERANCE * texel + 0.005 * plane.depth
     };
-    ShownPlane {
+    VisiblePlane {
         u: across(plane.right, plane.half_size.x),
         v: across(-plane.up, plane.half_size.y),
         behind: row(-normal, normal.dot(plane.centre)),

@@ -1,32 +1,32 @@
-//! Images of a compact source in the making: one step with each picture.
+//! Bakes the images of a compact source over several frames, one step per frame.
 
 use super::source_images::{Images, SourceBaker, SourceOutput};
-use super::source_slots::Wanted;
+use super::source_slots::BakeRequest;
 use super::source_targets::{KINDS, SOURCE_LIGHTS};
 
-/// Images in the making.
+/// The unfinished bake of a source's images.
 #[derive(Debug)]
-pub(super) struct Drawing {
-    pub wanted: Wanted,
-    /// The direction at work.
-    at: usize,
-    /// Planes that are done with it; `None` before its maps are drawn.
+pub(super) struct SourceBake {
+    pub request: BakeRequest,
+    /// Index of the current direction.
+    direction: usize,
+    /// Number of planes evaluated for it; `None` before its maps are drawn.
     planes: Option<u32>,
 }
 
-impl Drawing {
-    pub const fn new(wanted: Wanted) -> Self {
+impl SourceBake {
+    pub const fn new(request: BakeRequest) -> Self {
         Self {
-            wanted,
-            at: 0,
+            request,
+            direction: 0,
             planes: None,
         }
     }
 
-    /// One picture's share of the work: the maps of a direction, or some planes. True when
-    /// all is done.
+    /// Does the work of one frame: draws the maps of a direction, or evaluates some planes. Returns
+    /// true when the bake is finished.
     pub fn step(&mut self, baker: &SourceBaker, out: &SourceOutput) -> bool {
-        let Some(direction) = self.wanted.directions.get(self.at).copied() else {
+        let Some(direction) = self.request.directions.get(self.direction).copied() else {
             return true;
         };
         let descriptor = wgpu::CommandEncoderDescriptor {
@@ -34,8 +34,8 @@ impl Drawing {
         };
         let mut encoder = baker.gpu.device.create_command_encoder(&descriptor);
         let first = self.planes.unwrap_or(0);
-        baker.tell(direction, first);
-        self.tell(baker, out, first);
+        baker.upload(direction, first);
+        self.upload(baker, out, first);
         match self.planes {
             None => {
                 self.begin(baker, out, &mut encoder);
@@ -45,24 +45,24 @@ impl Drawing {
             Some(first) => self.evaluate(baker, out, &mut encoder, first),
         }
         baker.gpu.queue.submit([encoder.finish()]);
-        let done = self.at == self.wanted.directions.len();
-        if done {
+        let finished = self.direction == self.request.directions.len();
+        if finished {
             let light = self.light(out);
-            let mean = self.wanted.mean().extend(0.0).to_array();
+            let mean = self.request.mean().extend(0.0).to_array();
             let queue = &baker.gpu.queue;
             queue.write_buffer(&out.faces, 16 * u64::from(light), bytemuck::bytes_of(&mean));
         }
-        done
+        finished
     }
 
-    /// Before the first direction: what is there of the set is thrown away.
+    /// Discards the old images of the set before the first direction.
     fn begin(&self, baker: &SourceBaker, out: &SourceOutput, encoder: &mut wgpu::CommandEncoder) {
-        if self.at > 0 {
+        if self.direction > 0 {
             return;
         }
         encoder.clear_buffer(&baker.sums, 0, None);
         let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default());
-        pass.set_pipeline(&baker.store.forget);
+        pass.set_pipeline(&baker.store.reset);
         pass.set_bind_group(0, &out.group, &[]);
         pass.dispatch_workgroups(baker.planes.div_ceil(64), 1, 1);
     }
@@ -74,10 +74,10 @@ impl Drawing {
         encoder: &mut wgpu::CommandEncoder,
         first: u32,
     ) {
-        let count = baker.pace.min(baker.planes - first);
+        let count = baker.planes_per_frame.min(baker.planes - first);
         let passes = &baker.passes;
         passes.record(encoder, &baker.group, false, baker.side, count);
-        let last_direction = self.at + 1 == self.wanted.directions.len();
+        let last_direction = self.direction + 1 == self.request.directions.len();
         let last_plane = first + count == baker.planes;
         if last_direction {
             let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default());
@@ -91,17 +91,17 @@ impl Drawing {
         }
         self.planes = Some(first + count);
         if last_plane {
-            self.at += 1;
+            self.direction += 1;
             self.planes = None;
         }
     }
 
-    /// The light that the images belong to.
+    /// Index of the light to which the images belong.
     const fn light(&self, out: &SourceOutput) -> u32 {
-        out.dome_lights + 2 * self.wanted.slot as u32 + self.wanted.set as u32
+        out.dome_lights + 2 * self.request.slot as u32 + self.request.set as u32
     }
 
-    fn tell(&self, baker: &SourceBaker, out: &SourceOutput, first: u32) {
+    fn upload(&self, baker: &SourceBaker, out: &SourceOutput, first: u32) {
         let light = self.light(out);
         let image = out.first_image + (light - out.dome_lights) * KINDS * baker.planes;
         let lights = out.dome_lights + SOURCE_LIGHTS as u32;
