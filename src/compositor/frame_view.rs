@@ -67,7 +67,6 @@ pub fn clip_from_camera(camera: &PinholeCamera) -> DMat4 {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
     use super::*;
     use glam::{DVec2, DVec3};
 

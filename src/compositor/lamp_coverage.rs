@@ -152,7 +152,6 @@ pub fn clip(eye: Vec3, ([right, up, forward], tangent): &MapAxes) -> Mat4 {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
     use super::*;
 
     fn screen(position: Vec3, direction: Vec3, two_sided: bool) -> PlacedLamp {

@@ -103,7 +103,6 @@ fn take(free: &mut [bool], layers: usize) -> Option<usize> {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
     use super::*;
 
     fn views(at: f32, layers: usize) -> LampViews {

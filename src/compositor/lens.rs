@@ -330,7 +330,6 @@ fn undistorted_camera(camera: &PinholeCamera) -> PinholeCamera {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
 
     fn lens(distortion: [f64; 5]) -> PinholeCamera {

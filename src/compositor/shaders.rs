@@ -403,7 +403,6 @@ fn compiled<const N: usize>(
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
     #[test]
     fn every_shader_is_valid_wgsl() {

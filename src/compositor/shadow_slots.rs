@@ -183,7 +183,6 @@ impl ShadowSlots {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
     use super::super::caster_hull::fibonacci_sphere;
     use super::*;
 

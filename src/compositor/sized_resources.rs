@@ -66,7 +66,6 @@ impl SizedResources {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
     use super::*;
     use crate::gpu::Gpu;
     use crate::textures::TILE;

@@ -68,7 +68,6 @@ pub(super) fn words(image: &ReceiverImage, side: usize) -> Vec<[u32; 2]> {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
     use super::*;
 
     #[test]

@@ -36,7 +36,6 @@ fn above_horizon(corners: &[DVec3], n: DVec3) -> Vec<DVec3> {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
     use super::*;
 
     /// Integrates the form factor by midpoints of small patches.

@@ -1,6 +1,4 @@
 //! The running_sums-area table against plain sums.
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
-
 use super::*;
 use crate::gpu::Gpu;
 use crate::timing::Timer;

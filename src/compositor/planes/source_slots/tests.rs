@@ -1,5 +1,3 @@
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
-
 use super::*;
 
 fn source(id: u32, direction: Vec3, strength: f32) -> FaceSource {

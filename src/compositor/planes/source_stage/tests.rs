@@ -1,5 +1,3 @@
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
-
 use super::super::compute::storage;
 use super::super::readback::read_buffer;
 use super::*;
