@@ -80,7 +80,7 @@ pub fn estimate_reflectance(
 }
 
 /// The reverse check: the albedo that a surface must have under these gains, per channel.
-/// A value above 1 or far from the surface's look tells that gains or light are wrong.
+/// A value above 1, or far from the surface's apparent reflectance, indicates wrong gains or light.
 #[must_use]
 pub fn implied_albedo(scene: DVec3, irradiance: DVec3, gains: DVec3) -> DVec3 {
     PI * scene / (gains * irradiance)

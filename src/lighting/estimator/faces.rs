@@ -19,7 +19,7 @@ pub(super) struct FaceTable {
     texels: Vec<u32>,
     /// Faces of pixels, then of texels.
     faces: FaceOfPixel,
-    /// Buffers handed over before; one that nobody else holds is recycled.
+    /// Buffers handed over before; one without another owner is recycled.
     recycled: Vec<Arc<FaceLight>>,
 }
 

@@ -631,7 +631,7 @@ fn origin(model: &Model, seconds: f64) -> DVec3 {
 
 #[test]
 fn animation_equals_its_closed_form() {
-    // Steps: 1 up, then 3 up, begins anew after 2 s. Y up is Z up here.
+    // Steps: 1 up, then 3 up, repeats after 2 s. Y up is Z up here.
     let steps = [0.0, 1.0, 0.0, 0.0, 3.0, 0.0, 0.0, 3.0, 0.0];
     let bytes = animated("translation", "STEP", &[0.0, 1.0, 2.0], &steps, "VEC3");
     let model = play(&bytes, Playing::Named("swing")).unwrap();

@@ -15,7 +15,7 @@ pub(super) struct BracketedExposure {
     bracketing: Bracketing,
     control: ControlDescription,
     brightness: BrightnessMeter,
-    /// The controls in force with each step, as of `revision` of the camera's controls.
+    /// The active controls of each step, as of `revision` of the camera's controls.
     in_force: Vec<ControlsInForce>,
     revision: u64,
 }
@@ -76,7 +76,7 @@ impl BracketedExposure {
         set_exposure(device, &self.control, base).map(|_| ())
     }
 
-    /// The exposure of a frame, its stops relative to the base, and the controls in force;
+    /// The exposure of a frame, its stops relative to the base, and the active controls;
     /// `None` if the exposure is not certain. Sets the next exposure when it is due.
     pub(super) fn label(
         &mut self,

@@ -216,7 +216,7 @@ impl CameraControls {
         replaced.collect()
     }
 
-    /// The value in force of the control with this present name.
+    /// The active value of the control with this name.
     pub(crate) fn value(&self, name: &str) -> Option<i64> {
         let control = self.controls.iter().find(|control| control.is(name))?;
         control.in_force
