@@ -22,9 +22,9 @@ const CHUNK: u32 = 4096;
 pub enum LuminanceError {
     /// A buffer would be larger than the device can bind.
     #[error(
-        "the environment's picture gives the lights of the shadowing planes {pixels} pixels, {bytes} \
-         bytes, but the graphics device reads {most} bytes at most; record smaller environment \
-         pictures, or choose another device with --adapter"
+        "the light of the shadowing planes has {pixels} pixels, {bytes} bytes, but the graphics \
+         device can read {max_bytes} bytes at most; record smaller environment pictures, or choose \
+         another device with --adapter"
     )]
     TooManyPixels {
         /// Pixels and texels of the upper hemisphere.
@@ -32,7 +32,7 @@ pub enum LuminanceError {
         /// Size of their radiance, bytes.
         bytes: u64,
         /// Maximum size of a storage buffer, bytes.
-        most: u64,
+        max_bytes: u64,
     },
 }
 
@@ -48,7 +48,7 @@ pub struct LuminancePass {
     membership: Option<Arc<Membership>>,
     generation: Option<u64>,
     tables: Tables,
-    /// There is an upload that [`Self::record`] has not yet processed or reported.
+    /// Whether an upload is pending that [`Self::record`] has not yet processed or reported.
     due: bool,
     /// Buffers of the sums on the CPU: as computed, and in the layout of the device.
     sums: Vec<Vec3>,
@@ -138,8 +138,8 @@ impl LuminancePass {
         }
     }
 
-    /// Uploads the changed parts of `light`: the table if it is another one, the radiance if
-    /// `generation`, that of its [`penumbra_lighting::Lighting`], is another one.
+    /// Uploads the table and the radiance of `light`, each if it has changed. `generation` is that of
+    /// the [`penumbra_lighting::Lighting`] to which the radiance belongs.
     ///
     /// # Errors
     /// There are more pixels than the device can bind; the previous light is kept.
@@ -278,18 +278,18 @@ fn buffer(device: &wgpu::Device, at: usize, size: u64) -> wgpu::Buffer {
 
 /// Checks that the device can bind the radiance and the table.
 fn check(limits: &wgpu::Limits, light: &FaceLight) -> Result<(), LuminanceError> {
-    let most = limits
+    let max_bytes = limits
         .max_storage_buffer_binding_size
         .min(limits.max_buffer_size);
     let bytes = (light.radiance.len() * size_of::<[f32; 3]>()) as u64;
     let table = (light.membership.pixels.len() * size_of::<u32>()) as u64;
-    if bytes.max(table) <= most {
+    if bytes.max(table) <= max_bytes {
         return Ok(());
     }
     Err(LuminanceError::TooManyPixels {
         pixels: light.radiance.len(),
         bytes: bytes.max(table),
-        most,
+        max_bytes,
     })
 }
 

@@ -1,16 +1,18 @@
 //! Shadowing planes on the GPU: baking in advance, and in each frame the sums of the basis images,
 //! weighted with the current light.
 
-mod atlas;
+pub(crate) mod options;
+
+// Baking.
 mod bake_passes;
 mod bake_scene;
 pub mod baker;
-mod compute;
-pub mod luminance;
-pub(crate) mod options;
-mod readback;
 mod receiver;
 mod repair;
+
+// In each frame: the light of the faces, the images of compact sources, the sums.
+mod atlas;
+pub mod luminance;
 mod source_bake;
 mod source_images;
 mod source_slots;
@@ -19,6 +21,9 @@ mod source_targets;
 pub(crate) mod stage;
 pub mod synthesis;
 mod visible_planes;
+
+mod compute;
+mod readback;
 
 pub use baker::{Progress, bake};
 pub use options::{MAX_SOURCES, PlanesChoice, Thresholds};

@@ -33,7 +33,7 @@ struct Settings {
     real: u32,
     skip_below: f32,
     recompute_above: f32,
-    least_change: f32,
+    min_change: f32,
     stride: u32,
 }
 
@@ -377,7 +377,7 @@ impl Synthesis {
             recompute_above: thresholds.recompute_above,
             // Lights that deviate by less are not updated together with the others; their sum
             // deviates by at most the threshold again.
-            least_change: thresholds.recompute_above / lights,
+            min_change: thresholds.recompute_above / lights,
             ..self.settings
         };
         if self.uploaded != Some(settings) {

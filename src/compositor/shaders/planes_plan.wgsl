@@ -66,7 +66,7 @@ fn plan(@builtin(global_invocation_id) id: vec3u) {
         let target_light = select(vec3f(0.0), luminance[i].rgb, counts);
         let change = brightness(abs(target_light - applied[begin + i].rgb)) * reach(k, i);
         error += change;
-        differ += select(0u, 1u, change > settings.least_change * total);
+        differ += select(0u, 1u, change > settings.min_change * total);
     }
     let untouched = error <= settings.recompute_above * total && !is_new(k);
     job.recompute = select(0u, 1u, 2u * differ > count || is_new(k));
@@ -76,7 +76,7 @@ fn plan(@builtin(global_invocation_id) id: vec3u) {
         let target_light = select(vec3f(0.0), luminance[i].rgb, counts);
         let before = select(applied[begin + i].rgb, vec3f(0.0), job.recompute == 1u);
         let change = target_light - before;
-        let matters = brightness(abs(change)) * reach(k, i) > settings.least_change * total;
+        let matters = brightness(abs(change)) * reach(k, i) > settings.min_change * total;
         let listed = select(matters, any(change != vec3f(0.0)), job.recompute == 1u);
         let image = basis[begin + i];
         let states = bitcast<vec2u>(image);

@@ -11,7 +11,7 @@ struct Settings {
     // the second are summed again; lights whose change exceeds the third are updated.
     skip_below: f32,
     recompute_above: f32,
-    least_change: f32,
+    min_change: f32,
     // Entries from one plane's first to the next plane's.
     stride: u32,
 }
