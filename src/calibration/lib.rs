@@ -20,5 +20,6 @@ pub mod radiometric;
 pub mod report;
 pub mod simulation;
 pub mod step;
+mod summary;
 pub mod tag_map;
 pub mod verify;

@@ -3,7 +3,7 @@
 use super::inputs::Inputs;
 use super::observations::{ImageObservation, ObservationKind};
 use super::resection::Resection;
-use super::summary::Summary;
+use crate::summary::Summary;
 use penumbra_rig_model::Grade;
 
 /// Maximum standard deviations of a good and of a usable orientation, degrees.

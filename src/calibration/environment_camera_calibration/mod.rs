@@ -27,7 +27,6 @@ mod resection;
 mod solve;
 mod sphere_outline;
 mod step;
-mod summary;
 #[cfg(test)]
 mod synthetic;
 mod tags;

@@ -5,7 +5,7 @@ use super::inputs::{EnvironmentCameraKind, Inputs};
 use super::optics::{Optics, optics};
 use super::pose::{PoseResult, estimate_pose};
 use super::report::{ReportContents, report};
-use super::summary::Summary;
+use crate::summary::Summary;
 use glam::DVec3;
 use penumbra_rig_model::Grade;
 use penumbra_rig_model::Header;
@@ -30,15 +30,7 @@ pub(super) fn finish(inputs: &Inputs, made: &CalibrationProvenance) -> Finished 
     let pose = optics
         .as_ref()
         .and_then(|o| estimate_pose(inputs, o, &mut summary));
-    summary.findings.sort_by_key(|f| std::cmp::Reverse(f.0));
-    let mut found = Finished {
-        grade: summary.grade(),
-        lines: summary.lines,
-        findings: summary.findings,
-        hints: summary.hints,
-        report: String::new(),
-        file: None,
-    };
+    let mut found = summary.finished();
     if let (Some(optics), Some(pose)) = (&optics, &pose) {
         let header = found.header(STEP, made);
         let record = record(inputs, header, optics, pose);

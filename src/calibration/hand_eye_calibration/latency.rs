@@ -1,6 +1,5 @@
 //! The step `latency`: latency of the tracker and of each camera.
 
-use super::findings::grade;
 use super::pose_finder::{CameraPose, Landmarks, PoseFinder};
 use super::readings::Readings;
 use crate::intrinsics::Grey;
@@ -12,6 +11,7 @@ use crate::step::{
     CalibrationProvenance, CameraRole, Finished, PictureInput, Progress, Step, StepInput,
     StepInputs,
 };
+use crate::summary::grade;
 use penumbra_interface::MonotonicTime;
 use penumbra_numerics::median;
 use penumbra_rig_model::Grade;

@@ -1,8 +1,8 @@
 //! Grades and describes the latencies found.
 
-use super::findings::Findings;
 use super::latency::{LatencyStep, Offsets};
 use crate::latency::ClockOffset;
+use crate::summary::Findings;
 use penumbra_rig_model::Grade;
 
 /// Maximum 1σ of a good offset, seconds.

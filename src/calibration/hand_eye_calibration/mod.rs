@@ -7,7 +7,6 @@
 //! measurement space. For each step, `…_assessment` grades the result and `…_report` presents it.
 
 mod field_fit;
-mod findings;
 mod latency;
 mod latency_assessment;
 mod latency_report;

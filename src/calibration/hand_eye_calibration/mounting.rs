@@ -2,7 +2,6 @@
 //! and, as an option, the distortion of the tracker's measurement space.
 
 use super::field_fit::{FieldFit, FieldSample, fit};
-use super::findings::grade;
 use super::latency::camera_rotations;
 use super::pose_finder::{CameraPose, Landmarks, PoseFinder};
 use super::readings::{Readings, between};
@@ -11,6 +10,7 @@ use crate::latency::{LatencyError, from_rotations};
 use crate::step::{
     CalibrationProvenance, CameraRole, Finished, Progress, Step, StepInput, StepInputs,
 };
+use crate::summary::grade;
 use glam::DVec2;
 use penumbra_interface::MonotonicTime;
 use penumbra_numerics::rotation_vector;

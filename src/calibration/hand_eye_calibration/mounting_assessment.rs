@@ -1,7 +1,7 @@
 //! Grades a mounting.
 
-use super::findings::Findings;
 use super::mounting::{MountingResult, MountingStep};
+use crate::summary::Findings;
 use penumbra_rig_model::Grade;
 
 /// Maximum 1σ of a good pose of the camera on the sensor, metres and radians.

@@ -3,6 +3,7 @@
 use super::coverage::{Coverage, Tilt, Uncertainty, lit_radius};
 use super::estimate::Estimate;
 use super::findings::Finding;
+use crate::summary::grade;
 use penumbra_camera::LensModel;
 use penumbra_rig_model::Grade;
 
@@ -87,9 +88,8 @@ impl Assessment {
         if let Some(reason) = implausible_reason(estimate) {
             findings.push((Grade::Refused, Finding::Implausible { reason }));
         }
-        findings.sort_by_key(|f| std::cmp::Reverse(f.0));
         Self {
-            grade: findings.first().map_or(Grade::Good, |f| f.0),
+            grade: grade(&mut findings),
             findings,
             hints: hints(coverage, tilt, used),
         }
@@ -98,10 +98,9 @@ impl Assessment {
 
 impl Assessment {
     /// Adds a finding; the grade becomes the worse of both.
-    pub fn add(&mut self, grade: Grade, finding: Finding) {
-        self.findings.push((grade, finding));
-        self.findings.sort_by_key(|f| std::cmp::Reverse(f.0));
-        self.grade = self.grade.max(grade);
+    pub fn add(&mut self, severity: Grade, finding: Finding) {
+        self.findings.push((severity, finding));
+        self.grade = grade(&mut self.findings);
     }
 }
 

@@ -11,6 +11,7 @@ use crate::intrinsics::consistency_checks::inconsistencies;
 use crate::step::{
     CalibrationProvenance, CameraRole, Finished, Progress, Step, StepInput, StepInputs,
 };
+use crate::summary::{Findings, grade};
 use penumbra_picture::Picture;
 use penumbra_rig_model::DeviceRecord;
 use penumbra_rig_model::Grade;
@@ -149,7 +150,7 @@ impl IntrinsicsStep {
 
     /// Returns the result without the report.
     fn found(&self, outcome: &Outcome, made: &CalibrationProvenance) -> Finished {
-        let mut findings: Vec<(Grade, String)> = outcome
+        let mut findings: Findings = outcome
             .assessment
             .findings
             .iter()
@@ -161,8 +162,7 @@ impl IntrinsicsStep {
             ))
             .map(|(grade, finding)| (*grade, finding.to_string()))
             .collect();
-        findings.sort_by_key(|f| std::cmp::Reverse(f.0));
-        let grade = findings.first().map_or(Grade::Good, |f| f.0);
+        let grade = grade(&mut findings);
         let points: usize = self.collector.views().iter().map(|v| v.points.len()).sum();
         let mut lines = vec![format!(
             "{} pictures, {} views of {}, {points} corners",

@@ -4,6 +4,7 @@ use super::bundle::Bundle;
 use super::initial_poses::{initialise_poses, tag_corners};
 use super::schur::TAG_UNKNOWNS;
 use super::{MapTag, View};
+use crate::summary::Findings;
 use glam::DVec3;
 use penumbra_camera::Lens;
 use penumbra_camera::PinholeCamera;
@@ -50,7 +51,7 @@ pub(super) struct MapEstimate {
     pub views: (usize, usize),
     /// RMS reprojection error of each view, pixels.
     pub view_rms: Vec<f64>,
-    pub findings: Vec<(Grade, String)>,
+    pub findings: Findings,
 }
 
 /// Builds the map. At least one of `tags` must have an initial pose; calibrated poses are kept if
@@ -102,7 +103,7 @@ pub(super) fn build_map(
 
 /// Rejects outlying observations and adjusts again; removes tags that were moved or observed too
 /// seldom.
-fn reject_outliers(bundle: &mut Bundle, findings: &mut Vec<(Grade, String)>) {
+fn reject_outliers(bundle: &mut Bundle, findings: &mut Findings) {
     for _ in 0..3 {
         if !mark_outliers(bundle) {
             break;
@@ -208,7 +209,7 @@ fn mark_outliers(bundle: &mut Bundle) -> bool {
 
 /// Returns a finding for each tag whose size, relative to the first tag's, differs from the given
 /// one.
-fn check_sizes(bundle: &Bundle) -> Vec<(Grade, String)> {
+fn check_sizes(bundle: &Bundle) -> Findings {
     let mut free = bundle.clone();
     free.free_sizes = true;
     free.adjust();
@@ -280,7 +281,7 @@ fn standard_deviations(bundle: &Bundle) -> Option<Vec<Option<[f64; TAG_UNKNOWNS]
 
 /// Aligns the map with the calibrated tags, and fixes those at their calibrated poses if all of
 /// them are consistent.
-fn align_with_calibration(bundle: &mut Bundle, anchors: &[usize]) -> Vec<(Grade, String)> {
+fn align_with_calibration(bundle: &mut Bundle, anchors: &[usize]) -> Findings {
     let sigma = standard_deviations(bundle).unwrap_or_default();
     let pairs: Vec<(usize, RigidTransform, RigidTransform)> = anchors
         .iter()
@@ -358,7 +359,7 @@ fn best_transform(points: &[(DVec3, DVec3)]) -> Option<RigidTransform> {
 }
 
 /// Returns the result; `all` is the number of views before any was rejected.
-fn map_estimate(bundle: &Bundle, all: usize, mut findings: Vec<(Grade, String)>) -> MapEstimate {
+fn map_estimate(bundle: &Bundle, all: usize, mut findings: Findings) -> MapEstimate {
     let residuals: Vec<_> = bundle.residuals().collect();
     let rms = root_mean_square(residuals.iter().map(|r| r.2.length()));
     let sigma = standard_deviations(bundle);

@@ -7,6 +7,7 @@ use crate::step::{
     CalibrationProvenance, CameraRole, Finished, PictureInput, Progress, Step, StepInput,
     StepInputs,
 };
+use crate::summary::{Findings, grade};
 use glam::{DVec2, DVec3};
 use penumbra_fiducials::{Detector, Family, TagObservation};
 use penumbra_rig_model::Grade;
@@ -211,7 +212,7 @@ impl MapStep {
         Ok(build_map(&self.rig.scene_camera.camera, tags, views))
     }
 
-    fn assess(&self, estimate: &MapEstimate) -> Vec<(Grade, String)> {
+    fn assess(&self, estimate: &MapEstimate) -> Findings {
         let mut findings = estimate.findings.clone();
         if estimate.tags.len() < 2 {
             let text = "no two tags could be linked; show several in each picture, from many sides";
@@ -350,8 +351,7 @@ impl Step for MapStep {
             Ok(estimate) => self.assess(estimate),
             Err(reason) => vec![(Grade::Refused, reason.clone())],
         };
-        findings.sort_by_key(|f| std::cmp::Reverse(f.0));
-        let grade = findings.first().map_or(Grade::Good, |f| f.0);
+        let grade = grade(&mut findings);
         let lines = estimate.as_ref().map_or_else(|_| Vec::new(), lines);
         let mut found = Finished {
             grade,

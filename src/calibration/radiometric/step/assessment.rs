@@ -5,8 +5,8 @@ use super::camera_data::CameraData;
 use super::camera_result::{CAMERAS, CameraResult};
 use super::gains::Gains;
 use super::options::RadiometricOptions;
-use super::summary::Summary;
 use crate::step::{Finished, Progress};
+use crate::summary::Summary;
 use glam::DVec3;
 use penumbra_rig_model::Grade;
 
@@ -63,29 +63,14 @@ pub(super) fn assess(
             ));
         }
     }
-    let Summary {
-        lines,
-        mut findings,
-        hints,
-    } = summary;
-    if lines.is_empty() && findings.is_empty() {
-        findings.push((
+    if summary.lines.is_empty() && summary.findings.is_empty() {
+        summary.finding(
             Grade::Refused,
             "there is nothing to calibrate from; show both cameras a ColorChecker, or provide \
-             pictures of an exposure series"
-                .to_owned(),
-        ));
+             pictures of an exposure series",
+        );
     }
-    findings.sort_by_key(|f| std::cmp::Reverse(f.0));
-    let grade = findings.iter().map(|f| f.0).max().unwrap_or(Grade::Good);
-    Finished {
-        grade,
-        lines,
-        findings,
-        hints,
-        report: String::new(),
-        file: None,
-    }
+    summary.finished()
 }
 
 fn check_swapped(summary: &mut Summary, data: &[CameraData; 2], options: &RadiometricOptions) {

@@ -5,8 +5,8 @@ use super::camera_result::{CAMERAS, CameraResult, is_significant};
 use super::colours::Colours;
 use super::gains::{ChartEvaluation, evaluate};
 use super::options::RadiometricOptions;
-use super::summary::Summary;
 use crate::radiometric::curve::{Curve, NoCurve};
+use crate::summary::Summary;
 use penumbra_rig_model::Grade;
 
 /// Maximum change of brightness over the chart, relative.

@@ -3,7 +3,7 @@
 //!
 //! In the order of data flow: `camera_data` gathers the pictures of a camera, `camera_result` holds
 //! its results; `gains` compares the cameras, `colours` a camera with the chart; `assessment` and
-//! `camera_assessment` grade and describe (`summary`), `report` presents.
+//! `camera_assessment` grade and describe, `report` presents.
 
 mod assessment;
 mod camera_assessment;
@@ -13,7 +13,6 @@ mod colours;
 mod gains;
 mod options;
 mod report;
-mod summary;
 
 pub use options::RadiometricOptions;
 
