@@ -90,9 +90,9 @@ impl LensStage {
             distorted_position(camera, &undistorted, pixel)
         });
         let slots = [Slot::Unfilterable; 2];
-        let inputs = layout(device, "straighten", &slots);
+        let inputs = layout(device, "undistort", &slots);
         let bound = [view(&raw.view), view(&positions.view)];
-        let bound = group(device, "straighten", &inputs, &bound);
+        let bound = group(device, "undistort", &inputs, &bound);
         let pipeline = pipeline(device, &module, &[&inputs], "undistorted");
         let distort = (output == LensOutput::Camera).then(|| {
             let position = |pixel| undistorted_position(camera, &undistorted, pixel);
@@ -124,7 +124,7 @@ impl LensStage {
         output: &'a FrameTexture,
     ) -> &'a FrameTexture {
         let (pipeline, inputs) = &self.undistort;
-        r.cover("straighten", &output.view, pipeline, &[inputs]);
+        r.cover("undistort", &output.view, pipeline, &[inputs]);
         output
     }
 
@@ -149,7 +149,7 @@ impl LensStage {
         let undistorted = distort.undistorted.get(r.device, &resources);
         let pipeline = &distort.pipelines[usize::from(real.exposed.is_some())];
         let groups = [&distort.positions, undistorted];
-        r.cover("bend", &distort.output.view, pipeline, &groups);
+        r.cover("distort", &distort.output.view, pipeline, &groups);
         &distort.output
     }
 }
@@ -164,7 +164,7 @@ impl Distort {
         let (shape, _) = Slot::sampled(variant.samples);
         let f = Slot::Unfilterable;
         let slots = [f, Slot::Uniform, f, shape];
-        let undistorted = CachedGroup::from_slots(device, "bend", &slots);
+        let undistorted = CachedGroup::from_slots(device, "distort", &slots);
         let usage = U::RENDER_ATTACHMENT | U::TEXTURE_BINDING | U::COPY_SRC;
         Self {
             pipelines: ["distorted", "distorted_exposed"]
