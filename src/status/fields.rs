@@ -359,7 +359,7 @@ pub const STATUS_FIELDS: &[(&str, &str)] = &[
         "Share of these that was saved, 0 to 1; null before the first picture.",
     ),
     (
-        "planes.planes_resummed",
+        "planes.planes_recomputed",
         "Planes whose sums were recomputed or updated since the start.",
     ),
     (

@@ -68,7 +68,7 @@ pub struct PlanesStatus {
     /// Share of these that was saved, 0..=1; `None` before the first picture.
     pub work_saved: Option<f64>,
     /// Planes whose sums were recomputed or updated, since the start.
-    pub planes_resummed: u64,
+    pub planes_recomputed: u64,
     /// Pictures for which nothing had to be summed.
     pub frames_without_work: u64,
     /// Duration of baking, seconds; `None` before it is complete.
@@ -81,11 +81,11 @@ pub struct PlanesStatus {
 
 impl PlanesStatus {
     /// Counts the work of a picture: basis images summed, planes whose sums were recomputed or updated.
-    pub fn count_picture(&mut self, images_summed: u32, planes_resummed: u32) {
+    pub fn count_picture(&mut self, images_summed: u32, planes_recomputed: u32) {
         self.images_summed = images_summed;
         self.images_total += u64::from(images_summed);
         self.images_possible += u64::from(self.basis_images);
-        self.planes_resummed += u64::from(planes_resummed);
+        self.planes_recomputed += u64::from(planes_recomputed);
         self.frames_without_work += u64::from(images_summed == 0);
         let (total, possible) = (self.images_total as f64, self.images_possible as f64);
         self.work_saved = (possible > 0.0).then(|| (1.0 - total / possible).max(0.0));
@@ -138,7 +138,7 @@ mod tests {
         let counts = (
             planes.images_summed,
             planes.images_total,
-            planes.planes_resummed,
+            planes.planes_recomputed,
         );
         assert_eq!(counts, (0, 120, 8));
         assert_eq!(planes.frames_without_work, 2);
