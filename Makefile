@@ -1,5 +1,5 @@
 # `make help` lists the targets. Variables: ARGS (additional arguments of the program or the
-# script), SESSION, TEMPLE_SESSION, TRUTH, CARGO_TARGET_DIR.
+# script), SESSION, TEMPLE_SESSION, TRUTH, CARGO_TARGET_DIR; REV, CASES, PAIRS (bench-compare).
 SHELL := bash
 .SHELLFLAGS := -eu -o pipefail -c
 .DELETE_ON_ERROR:
@@ -22,7 +22,7 @@ UNPACKED := if [ -f target/packages/env ]; then . target/packages/env; fi;
 # A window needs a display; without one the picture is shown in the browser.
 WINDOW := $(if $(DISPLAY)$(WAYLAND_DISPLAY),,--headless)
 
-.PHONY: help demo demo-temple demo-lamp build test check docs docs-write unit advisories bench bench-table fidelity calibration soak fuzz fmt packages-demo packages-test toolchain clean install uninstall test-devices
+.PHONY: help demo demo-temple demo-lamp build test check docs docs-write unit advisories bench bench-table bench-compare gpu-check fidelity calibration soak fuzz fmt packages-demo packages-test toolchain clean install uninstall test-devices
 
 help: ## This list
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/' | expand -t 14
@@ -65,9 +65,16 @@ bench: build ## The paper's table 1 on this machine, and the cost of capturing; 
 	@$(UNPACKED) $(PENUMBRA) bench $(ARGS)
 
 bench-table: build ## Measure the papers' rows and write them to docs/src/results/bench.md
-	@for case in supan kakuta2007 kakuta2004 lightprobe; do \
+	@for case in supan kakuta2007 kakuta2004 lightprobe live; do \
 	  $(UNPACKED) $(PENUMBRA) bench --case $$case --json $(TARGET)/bench-$$case.json --force $(ARGS); done
-	@python3 tests/judge/bench_table.py $(TARGET)/bench-supan.json $(TARGET)/bench-kakuta2007.json $(TARGET)/bench-kakuta2004.json $(TARGET)/bench-lightprobe.json
+	@$(UNPACKED) $(PENUMBRA) bench --case live --size 1280x720 --json $(TARGET)/bench-live-720.json --force $(ARGS)
+	@python3 tests/judge/bench_table.py $(addprefix $(TARGET)/bench-,supan.json kakuta2007.json kakuta2004.json lightprobe.json live.json live-720.json)
+
+bench-compare: build ## Build revision REV and run both benchmarks in turns; CASES=supan,live PAIRS=7 ARGS="--frames 60"
+	@$(UNPACKED) python3 tests/judge/bench_compare.py "$(REV)" --penumbra $(PENUMBRA) $(if $(CASES),--cases $(CASES)) $(if $(PAIRS),--pairs $(PAIRS)) --bench $(ARGS)
+
+gpu-check: build ## Tests, benchmarks, latency and fidelity on this adapter, one report: target/gpu-check/report.md
+	@$(UNPACKED) python3 tests/judge/gpu_check.py --penumbra $(PENUMBRA) --truth $(TRUTH) $(ARGS)
 
 fidelity: build ## Compare pictures with path-traced ground truth; ARGS="--sessions desk.mcap --no-planes"
 	@$(UNPACKED) python3 tests/judge/fidelity.py --penumbra $(PENUMBRA) --truth $(TRUTH) $(ARGS)

@@ -416,6 +416,8 @@ fn planes_card_is_shown_while_planes_are_active() {
     );
     browser.evaluate("(() => { const s = document.querySelector('[name=technique]'); s.value = 'shadowing-planes'; s.dispatchEvent(new Event('input', {bubbles: true})); })()");
     browser.wait_for("!document.getElementById('planes-card').hidden && document.getElementById('planes-pill').textContent === 'ready'");
+    let hint = browser.evaluate("document.getElementById('technique-hint').textContent");
+    assert!(hint.to_string().contains("Ready"), "{hint}");
     let change = "(() => { const s = document.querySelector('[name=planes_skip_below]'); s.value = '0.02'; s.dispatchEvent(new Event('input', {bubbles: true})); })()";
     browser.evaluate(change);
     browser.wait_for("document.getElementById('planes-facts').textContent.includes('1,387')");

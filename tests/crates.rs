@@ -74,6 +74,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
         &["interface", "numerics", "camera", "fiducials"],
     ),
     // Pictures, settings, devices in use, outputs.
+    ("surface-cache", &["interface", "lighting", "scene"]),
     (
         "compositor",
         &[
@@ -83,6 +84,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
             "camera",
             "lighting",
             "scene",
+            "surface-cache",
         ],
     ),
     (

@@ -234,14 +234,17 @@ fn faulty_scene_camera_is_reported_and_reopened() {
         1,
         vec![
             Plan::new([(40, not_found("scene"))]),
-            Plan::new([
-                (20, Fault::CutShort { share: 0.4 }),
-                (0, Fault::CutShort { share: 0.0 }),
-                (3, Fault::Flipped { every: 5 }),
-                (3, Fault::Lost),
-                // About two seconds of the recording.
-                (3, Fault::Silence { readings: 60 }),
-            ]),
+            // Twelve cut pictures in a row, because a slow rig skips most.
+            Plan::new(
+                std::iter::once((20, Fault::CutShort { share: 0.0 }))
+                    .chain((0..12).map(|_| (0, Fault::CutShort { share: 0.4 })))
+                    .chain([
+                        (3, Fault::Flipped { every: 5 }),
+                        (3, Fault::Lost),
+                        // About two seconds of the recording.
+                        (3, Fault::Silence { readings: 60 }),
+                    ]),
+            ),
         ],
     );
     let rig = Rig::start(&scene, &faultless("environment"), &faultless("tracker"));

@@ -15,9 +15,31 @@ const AGE: i64 = 20_000_000;
 /// Delay of the environment camera's pictures after the scene camera's, nanoseconds.
 const OFFSET: i64 = 11_000_000;
 
+/// A file that is removed when dropped.
+pub(super) struct TemporaryFile(PathBuf);
+
+impl TemporaryFile {
+    /// Names a session of the purpose `name`; nothing is created.
+    pub fn session(name: &str) -> Self {
+        let name = format!("penumbra-bench-{name}-{}.mcap", std::process::id());
+        Self(std::env::temp_dir().join(name))
+    }
+
+    pub fn path(&self) -> &Path {
+        &self.0
+    }
+}
+
+impl Drop for TemporaryFile {
+    fn drop(&mut self) {
+        // The file is in the folder for temporary files, so a failure to remove it does no harm.
+        let _ = std::fs::remove_file(&self.0);
+    }
+}
+
 /// A session that is removed when dropped.
 pub(super) struct CameraSession {
-    path: PathBuf,
+    file: TemporaryFile,
     /// Mean length of a picture, bytes.
     pub picture_bytes: f64,
 }
@@ -26,10 +48,8 @@ impl CameraSession {
     /// One second of [`RATE`] pictures of both cameras, all different, with the calibration
     /// of a rig whose environment camera has a fisheye lens.
     pub fn write((width, height): (u32, u32)) -> Result<Self, BenchError> {
-        let name = format!("penumbra-bench-{}.mcap", std::process::id());
-        let path = std::env::temp_dir().join(name);
         let mut session = Self {
-            path,
+            file: TemporaryFile::session("cameras"),
             picture_bytes: 0.0,
         };
         session.fill((width, height))?;
@@ -37,11 +57,11 @@ impl CameraSession {
     }
 
     pub fn path(&self) -> &Path {
-        &self.path
+        self.file.path()
     }
 
     fn fill(&mut self, size: (u32, u32)) -> Result<(), BenchError> {
-        let mut writer = SessionWriter::create(&self.path)?;
+        let mut writer = SessionWriter::create(self.path())?;
         writer.attach("rig.json", rig(size).to_string().as_bytes())?;
         let mut bytes = 0;
         for i in 0..RATE {
@@ -55,13 +75,6 @@ impl CameraSession {
         writer.finish()?;
         self.picture_bytes = bytes as f64 / f64::from(2 * RATE);
         Ok(())
-    }
-}
-
-impl Drop for CameraSession {
-    fn drop(&mut self) {
-        // The file is in the folder for temporary files, so a failure to remove it does no harm.
-        let _ = std::fs::remove_file(&self.path);
     }
 }
 
@@ -81,7 +94,7 @@ fn frame(size: (u32, u32), number: u32, arrived_at: i64) -> Result<Frame, BenchE
     })
 }
 
-/// A moving gradient with slight noise, compressed as by a webcam: chroma is subsampled 4:2:2.
+/// A moving gradient with slight noise.
 fn jpeg((width, height): (u32, u32), number: u32) -> Result<Vec<u8>, BenchError> {
     let mut noise = 12_345_u32.wrapping_add(number);
     let moved = number as f32 * 0.2;
@@ -94,8 +107,13 @@ fn jpeg((width, height): (u32, u32), number: u32) -> Result<Vec<u8>, BenchError>
             [shade as u8, (shade * 0.8) as u8, (shade * 0.6 + 20.0) as u8]
         })
         .collect();
+    compress(&pixels, (width, height))
+}
+
+/// Compresses the RGB codes of a picture as a webcam does: chroma is subsampled 4:2:2.
+pub(super) fn compress(pixels: &[u8], (width, height): (u32, u32)) -> Result<Vec<u8>, BenchError> {
     let image = turbojpeg::Image {
-        pixels: pixels.as_slice(),
+        pixels,
         width: width as usize,
         pitch: 3 * width as usize,
         height: height as usize,

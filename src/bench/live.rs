@@ -2,6 +2,7 @@
 //! replayed devices, through all threads of the rig.
 
 use super::percentiles::Percentiles;
+use super::resized::resized;
 use super::{BenchError, BenchOptions};
 use penumbra_compositor::Gpu;
 use penumbra_config::{Antialias, Config};
@@ -97,7 +98,11 @@ pub(super) fn run(
     rows: &mut Vec<LiveRow>,
     progress: &mut dyn FnMut(&LiveRow),
 ) -> Result<(), BenchError> {
-    let session = options.session();
+    let resized = options.size.map(|size| resized(options.session(), size));
+    let resized = resized.transpose()?;
+    let session = resized
+        .as_ref()
+        .map_or(options.session(), |file| file.path());
     for setting in SETTINGS {
         let config = config(session, setting);
         let row = measure(gpu, &config, options.frames.unwrap_or(FRAMES))?;

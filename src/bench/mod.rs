@@ -8,6 +8,7 @@ mod lightprobe;
 mod live;
 mod percentiles;
 mod report;
+mod resized;
 mod simulated_tracker;
 mod stage;
 mod supan;
@@ -76,6 +77,18 @@ pub enum BenchError {
         /// The system's message.
         source: io::Error,
     },
+    /// The recording has no calibration of the scene camera.
+    #[error(
+        "the recording has no rig.json with the scene camera's image_size and K; leave out --size, or name \
+         another --session"
+    )]
+    NoCalibration,
+    /// A picture of the recording is damaged.
+    #[error("the recording has a damaged picture: {0}; name another one with --session")]
+    Damaged(#[from] penumbra_picture::PictureError),
+    /// The recording's calibration is damaged.
+    #[error("the recording's rig.json: {0}; name another one with --session")]
+    Calibration(#[from] serde_json::Error),
     /// The rig composited no picture.
     #[error("the live rig composited no picture; choose a recording with pictures with --session")]
     Silent,

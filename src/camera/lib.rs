@@ -1,5 +1,5 @@
-//! Camera models: pinhole and fisheye projection, tone curves, vignetting, rolling shutter, and
-//! views of the environment through a fisheye lens or in a mirrored sphere.
+//! Camera models: pinhole and fisheye projection, tone curves, vignetting, rolling shutter, noise,
+//! sharpness, depth of field and motion blur, and views of the environment through a fisheye lens or in a mirrored sphere.
 //!
 //! Camera frame: OpenCV's optical frame (+X right, +Y down, +Z forward). Pixel (0, 0) is the
 //! centre of the top-left pixel. Lengths are metres, angles radians.
@@ -7,6 +7,7 @@
 mod environment_view;
 mod fisheye;
 mod lens;
+pub mod look;
 mod mirror;
 mod pinhole;
 mod placed_view;
@@ -16,6 +17,7 @@ pub mod vignetting;
 
 pub use environment_view::{EnvironmentView, FisheyeLens, MirrorSphere};
 pub use lens::{Lens, LensModel, MAX_PARAMETERS, Projection};
+pub use look::{CameraNoise, DepthOfField, ExposureMotion, NoiseTexture, PointSpread};
 pub use mirror::SphereInCamera;
 pub use pinhole::PinholeCamera;
 pub use placed_view::{Parallax, PlacedView, ViewRay};

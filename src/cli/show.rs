@@ -4,8 +4,8 @@ use super::files::JsonFile;
 use clap::Args;
 use penumbra_compositor::Gpu;
 use penumbra_config::{
-    Config, ExposureChoice, LIGHT_COUNTS, LampResponse, LightPlacement, Monitor, ShadowMode,
-    Technique,
+    Config, ExposureChoice, LIGHT_COUNTS, LampResponse, LightPlacement, Monitor, Quality,
+    ShadowMode, Technique,
 };
 use penumbra_lighting::Filtering;
 use penumbra_output::window;
@@ -61,6 +61,10 @@ pub struct ShowArgs {
     /// Part of the graphics adapter's name, or its number
     #[arg(long, value_name = "NAME")]
     adapter: Option<String>,
+    /// "live": the picture that a running rig shows on this adapter; "best": every picture takes the
+    /// time that it needs
+    #[arg(long, value_enum)]
+    quality: Option<Quality>,
     /// Source of the environment light
     #[arg(long, value_enum)]
     environment_source: Option<EnvironmentSource>,
@@ -113,6 +117,7 @@ impl ShowArgs {
             &mut config.scene,
             self.scene.as_deref().map(SceneChoice::from_text),
         );
+        set(&mut config.picture.quality, self.quality);
         set(&mut config.environment.source, self.environment_source);
         set(
             &mut config.environment.light_placement,

@@ -148,6 +148,21 @@ fn layout_for(
     })
 }
 
+/// Creates the bind group of one [`Slot::UniformOf`]: a `T` of `buffer`, chosen by its offset.
+pub fn group_of<T>(
+    device: &wgpu::Device,
+    label: &str,
+    layout: &wgpu::BindGroupLayout,
+    buffer: &wgpu::Buffer,
+) -> wgpu::BindGroup {
+    let one = wgpu::BindingResource::Buffer(wgpu::BufferBinding {
+        buffer,
+        offset: 0,
+        size: std::num::NonZeroU64::new(size_of::<T>() as u64),
+    });
+    group(device, label, layout, &[one])
+}
+
 /// Creates a group whose bindings are `resources`, in order.
 pub fn group(
     device: &wgpu::Device,
@@ -375,6 +390,17 @@ pub const VERTEX_LAYOUT: wgpu::VertexBufferLayout<'static> = wgpu::VertexBufferL
     step_mode: wgpu::VertexStepMode::Vertex,
     attributes: &wgpu::vertex_attr_array![0 => Float32x3, 1 => Float32x3, 2 => Float32x2, 3 => Float32x4],
 };
+
+/// Vertex buffers of surfaces whose light is kept in the surface cache: [`VERTEX_LAYOUT`] and the
+/// vertices' coordinates in the cache.
+pub const CACHED_VERTEX_LAYOUT: [wgpu::VertexBufferLayout<'static>; 2] = [
+    VERTEX_LAYOUT,
+    wgpu::VertexBufferLayout {
+        array_stride: size_of::<penumbra_surface_cache::CacheVertex>() as u64,
+        step_mode: wgpu::VertexStepMode::Vertex,
+        attributes: &wgpu::vertex_attr_array![4 => Float32x2, 5 => Uint16x4],
+    },
+];
 
 /// Vertex buffer of bare positions.
 pub const POSITION_LAYOUT: wgpu::VertexBufferLayout<'static> = wgpu::VertexBufferLayout {

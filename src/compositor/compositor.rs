@@ -6,25 +6,34 @@ use super::exposure::stage::ExposureStage;
 use super::gpu::{Gpu, GpuError};
 use super::lens::{LensOutput, LensStage};
 use super::light_maps::LightMaps;
+use super::look::CameraLook;
 use super::passes::shadow_map::DomeShadowMaps;
 use super::pipelines::Pipelines;
-use super::planes::{PlaneWork, PlanesStage, SourceBaker};
+use super::planes::{PlaneWork, PlanesStage, PlanesUploader, SourceBaker};
 use super::readback::Readback;
 use super::reproject::ReprojectStage;
 use super::response_table::ResponseTable;
 use super::scene_buffers::{SceneBuffers, SceneLayouts};
-use super::scene_upload::{SceneUploader, UploadedScene};
+use super::scene_upload::{NewestLight, SceneUploader, UploadedScene};
 use super::settings::CompositorSettings;
-use super::shaders::{MAX_LIGHTS, Variant};
+use super::shaders::Variant;
 use super::shadow_slots::ShadowSlots;
 use super::sized_resources::SizedResources;
+use super::surface_light::CachedLight;
 use super::textures::FrameTexture;
 use super::timing::Timer;
 use penumbra_camera::Response;
 use penumbra_interface::RigidTransform;
+use penumbra_lighting::{DomeLight, Harmonics};
 use penumbra_picture::Picture;
 use penumbra_scene::planes::Bake;
 use penumbra_scene::{Part, Scene};
+use penumbra_surface_cache::CacheOptions;
+
+/// Share of its angular radius by which a light may turn before the shadows that it casts on the
+/// surface cache are renewed: a seventh of a penumbra's half width. Dome lights follow the noise of
+/// every environment picture.
+const TURNED: f32 = 0.15;
 
 /// Composes augmented pictures: [`Compositor::compose`] draws one frame.
 pub struct Compositor {
@@ -45,6 +54,7 @@ pub struct Compositor {
     pub(crate) pipelines: Pipelines,
     pub(crate) exposure: ExposureStage,
     pub(crate) planes: Option<Box<PlanesStage>>,
+    pub(crate) look: CameraLook,
     pub(crate) reproject: Option<Box<ReprojectStage>>,
 
     // The scene.
@@ -53,6 +63,14 @@ pub struct Compositor {
 
     // The light.
     pub(crate) light_maps: LightMaps,
+    /// Light that is kept on surfaces, if the settings want that.
+    pub(crate) surface_light: Option<CachedLight>,
+    pub(crate) newest_light: NewestLight,
+    /// Compact lights that shadowing planes leave to it, and the light of everything else.
+    pub(crate) compact_lights: Vec<DomeLight>,
+    pub(crate) no_irradiance: Harmonics,
+    /// Tiles of the picture with shadows on real surfaces, by the surface cache.
+    pub(crate) shadow_tiles: Vec<[u32; 4]>,
     pub(crate) shadow_maps: DomeShadowMaps,
     pub(crate) slots: ShadowSlots,
     /// Shadow maps that are drawn in this frame.
@@ -71,14 +89,15 @@ pub struct Compositor {
 impl Compositor {
     /// Compiles all passes for a camera with the given `response`.
     #[must_use]
-    pub fn new(gpu: Gpu, settings: CompositorSettings, response: Response) -> Self {
+    pub fn new(gpu: Gpu, mut settings: CompositorSettings, response: Response) -> Self {
+        settings.light_budget = settings.light_budget.clamp(1, gpu.max_lights());
         let (device, queue) = (&gpu.device, &gpu.queue);
         let layouts = SceneLayouts::new(device);
         let light_maps = LightMaps::new(device, settings.light_budget);
         let variant = Variant {
             samples: settings.samples,
             soft: settings.soft_samples.max(1),
-            fine: settings.shadow_step == 1,
+            cached: settings.cached,
             ..Variant::PLAIN
         };
         let map_size = settings.map_size();
@@ -92,13 +111,19 @@ impl Compositor {
             pipelines: Pipelines::new(device, &light_maps.frame_layout, &layouts, variant),
             exposure: ExposureStage::default(),
             planes: None,
+            look: CameraLook::default(),
             reproject: None,
-            scene: SceneBuffers::upload(device, queue, &layouts, &Scene::default(), &[]),
+            scene: SceneBuffers::upload(device, queue, &layouts, &Scene::default(), &[], None),
             cover: Cover::default(),
             layouts,
             light_maps,
+            surface_light: None,
+            newest_light: NewestLight::default(),
+            compact_lights: Vec::new(),
+            no_irradiance: Harmonics::default(),
+            shadow_tiles: Vec::new(),
             shadow_maps: DomeShadowMaps::new(device, map_size, settings.light_budget),
-            slots: ShadowSlots::default(),
+            slots: ShadowSlots::with_tolerance(if settings.cached { TURNED } else { 0.0 }),
             chosen: Vec::with_capacity(settings.light_budget as usize),
             radiance_generation: None,
             indirect_generation: 0,
@@ -123,6 +148,12 @@ impl Compositor {
         SceneUploader {
             gpu: self.gpu.clone(),
             layouts: self.layouts.clone(),
+            cache: self.settings.cached.then_some(CacheOptions {
+                pages: self.settings.cache_pages,
+                map_size: self.settings.map_size() as usize,
+                lights: self.settings.light_budget as usize,
+            }),
+            light: self.newest_light.clone(),
         }
     }
 
@@ -134,6 +165,15 @@ impl Compositor {
             .bind_screens(&self.gpu.device, &self.scene.screens);
         // The new scene may need the radiance maps of Phong's lobes.
         self.forget_uploaded_light();
+        let (device, queue) = (&self.gpu.device, &self.gpu.queue);
+        let in_background = self.settings.cache_in_background;
+        let cached = scene
+            .cache
+            .map(|cache| CachedLight::new(device, queue, cache, in_background));
+        self.surface_light = cached.map(|(light, textures)| {
+            self.light_maps.bind_cache(device, textures);
+            light
+        });
         let [virtual_hull, phantom_hull] = scene.hulls;
         let moving = self.scene.moving.iter();
         let moving = moving.map(|part| (part.hull.clone(), part.world.as_mat4()));
@@ -141,16 +181,18 @@ impl Compositor {
             .set_casters(virtual_hull.with_moving(moving), phantom_hull);
     }
 
-    /// Changes the maximum number of dome lights. Every shadow map is drawn again with the next
+    /// Changes the maximum number of dome lights; at most [`Gpu::max_lights`]. Every shadow map is drawn again with the next
     /// frame.
     pub fn set_light_budget(&mut self, lights: u32) {
-        let lights = lights.clamp(1, MAX_LIGHTS);
+        let lights = lights.clamp(1, self.gpu.max_lights());
         if lights == self.settings.light_budget {
             return;
         }
         self.settings.light_budget = lights;
         let device = &self.gpu.device;
+        let cache = self.light_maps.take_cache(device);
         self.light_maps = LightMaps::new(device, lights);
+        self.light_maps.bind_cache(device, cache);
         self.light_maps.bind_screens(device, &self.scene.screens);
         self.shadow_maps = DomeShadowMaps::new(device, self.settings.map_size(), lights);
         self.slots.forget();
@@ -172,7 +214,7 @@ impl Compositor {
 
     /// Like [`Self::set_bake`]; with `sources`, made of this bake, the brightest compact sources of
     /// light get images of their own, drawn from their true directions, instead of those of the
-    /// faces in which they lie.
+    /// faces in which they lie. Where light is kept on surfaces, all of them cast their shadows there.
     ///
     /// # Errors
     /// As [`Self::set_bake`].
@@ -183,13 +225,30 @@ impl Compositor {
     ) -> Result<(), GpuError> {
         self.planes = None;
         if let Some(bake) = bake {
-            self.show_planes(Box::new(PlanesStage::new(&self.gpu, bake, sources)?));
+            let sources = sources.map(|baker| || Some(baker));
+            let stage = self.planes_uploader().upload(bake, sources)?;
+            self.show_planes(Box::new(stage));
         }
         Ok(())
     }
 
-    /// Activates a bake that [`PlanesStage::new`] uploaded, on any thread.
+    /// Returns an uploader that prepares bakes for [`Self::show_planes`] on any thread.
+    #[must_use]
+    pub fn planes_uploader(&self) -> PlanesUploader {
+        PlanesUploader {
+            gpu: self.gpu.clone(),
+            frame_layout: self.light_maps.frame_layout.clone(),
+            variant: self.variant,
+            pages: self
+                .surface_light
+                .as_ref()
+                .map(|light| light.pages().0.clone()),
+        }
+    }
+
+    /// Activates a bake that was uploaded before.
     pub fn show_planes(&mut self, mut stage: Box<PlanesStage>) {
+        stage.waits_for_sources = self.settings.waits_for_sources;
         if let Some(before) = self.planes.take() {
             stage.take_pipelines(*before);
         }

@@ -49,6 +49,11 @@ impl Cover {
         }
     }
 
+    /// The boxes around the virtual parts, world.
+    pub fn boxes(&self) -> &[Option<Corners>] {
+        &self.boxes
+    }
+
     /// Sets the maximum displacement of objects from their projection, pixels.
     pub const fn set_margin(&mut self, pixels: f64) {
         self.margin = pixels;

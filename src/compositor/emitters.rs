@@ -1,7 +1,7 @@
 //! Area lamps as visible objects: rectangles that show their pictures while they shine. They cast
 //! no shadows, because a lamp would block its own light.
 
-use super::bindings::group;
+use super::bindings::group_of;
 use super::cover::Corners;
 use super::gpu_data::VirtualPartUniform;
 use super::mesh_buffers::{index_buffer, vertex_buffer};
@@ -42,7 +42,7 @@ impl Emitters {
     /// Uploads the visible ones of `lamps`; `bind` makes the bindings of a material.
     pub fn new(
         device: &wgpu::Device,
-        parts: &wgpu::BindGroupLayout,
+        part: &wgpu::BindGroupLayout,
         lamps: &[VirtualLight],
         bind: impl Fn(&Material) -> wgpu::BindGroup,
     ) -> Self {
@@ -67,7 +67,7 @@ impl Emitters {
         let buffer = device.create_buffer(&wgpu::BufferDescriptor {
             label: Some("emitters"),
             size: (2 * each.len().max(1) * size_of::<VirtualPartUniform>()) as u64,
-            usage: wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST,
+            usage: wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST,
             mapped_at_creation: false,
         });
         let vertices = |mesh: &penumbra_scene::Mesh| {
@@ -77,7 +77,7 @@ impl Emitters {
             plain: bind(&Material::default()),
             vertices: [vertices(&front), vertices(&back)],
             indices: index_buffer(device, &front.indices),
-            uniforms: group(device, "emitters", parts, &[buffer.as_entire_binding()]),
+            uniforms: group_of::<VirtualPartUniform>(device, "emitters", part, &buffer),
             shown: Vec::with_capacity(each.len()),
             draws: Vec::with_capacity(2 * each.len()),
             staging: Vec::with_capacity(2 * each.len()),
@@ -156,5 +156,6 @@ fn uniform(lamp: &PlacedLamp, area: &PlacedArea, side: f32, light: Vec3) -> Virt
         surface: [0.0, 1.0, 0.0, 0.0],
         emissive: light.extend(0.0).to_array(),
         phong: [-1.0; 4],
+        ..VirtualPartUniform::default()
     }
 }

@@ -6,14 +6,15 @@ use super::compositor::Compositor;
 use super::frame_input::FrameInput;
 use super::gpu::GpuError;
 use super::passes::composite::CompositeInputs;
-use super::passes::shadow_buffer::{ShadowSource, SurfaceLight, Surfaces};
+use super::passes::shadow_buffer::{ShadowPictures, ShadowSource, SurfaceLight, Surfaces};
 use super::pipelines::Pipelines;
 use super::prepare::FramePlan;
 use super::readback::Readback;
 use super::recorder::Recorder;
 use super::scene_buffers::SceneBuffers;
+use super::shaders::Variant;
 use super::sized_resources::SizedResources;
-use super::textures::FrameTexture;
+use super::textures::{FrameTexture, TILE};
 
 impl Compositor {
     /// Composes one frame. Returns without waiting for the device; [`Self::read`] waits.
@@ -68,30 +69,29 @@ impl Compositor {
 
         // Shadow maps: casters as seen from lights.
         let dome = &self.shadow_maps;
-        p.shadow_map.record(r, frame, scene, &self.chosen, dome);
+        if !self.variant.cached {
+            p.shadow_map.record(r, frame, scene, &self.chosen, dome);
+        }
         p.lamp_map.record(r, scene, &self.light_maps.lamps);
 
         // The surfaces that the camera sees, real and virtual, and the light that each lacks,
         // looked up in shadow maps or on shadowing planes.
-        let surfaces = p.record_surfaces(r, frame, scene, plan.covered, pictures);
-        let sums = self.planes.as_mut().and_then(|planes| planes.record(r));
+        let surfaces = p.record_surfaces(r, frame, scene, (self.variant, plan.covered), pictures);
+        let cache = self.surface_light.as_ref();
+        let to_cache = (&self.gpu.queue, &self.light_maps.uncached_group);
+        let planes = self.planes.as_mut();
+        let sums = planes.and_then(|planes| planes.record(r, to_cache, cache));
         let source = sums.unwrap_or(ShadowSource::Maps(dome));
-        let lit = if plan.subtract { 0.0 } else { 1.0 };
-        let shadows = &pictures.shadows;
-        let shadows = p
-            .shadow_buffer
-            .record(r, frame, &source, surfaces, lit, shadows);
+        let shadows = p.record_shadows(r, frame, &source, surfaces, plan, pictures);
 
         // The light that virtual lights add to real surfaces, unless the shadow buffer holds it.
-        let lamp_light = &pictures.lamp_light;
         if plan.lamps_apart {
-            let phantoms = surfaces.phantoms;
-            p.lamp_response
-                .record(r, frame, scene, real, phantoms, lamp_light);
+            let (pass, phantoms) = (&mut p.lamp_response, surfaces.phantoms);
+            pass.record(r, frame, scene, real, phantoms, &pictures.lamp_light);
         }
         let light = SurfaceLight {
             shadows,
-            lamp_light,
+            lamp_light: &pictures.lamp_light,
         };
 
         // The surroundings that virtual objects reflect, and the composed picture.
@@ -104,17 +104,19 @@ impl Compositor {
             real,
             surfaces,
             light,
+            edge_tiles: &pictures.edge_tiles,
             surroundings,
             gloss: &self.light_maps.gloss,
         };
         let composed = composite_pass.record(r, frame, &inputs, &pictures.kinds, output);
 
-        // The composed picture with the distortion of the camera, warped to the display pose.
-        let surface = &surfaces.virtual_surfaces.surface[0];
-        let distorted = match &mut self.lens {
-            Some(lens) => lens.distort(r, real, composed, surface),
-            None => composed,
-        };
+        // The composed picture with the distortion of the camera, and with its look on everything
+        // virtual, warped to the display pose.
+        let lens = self.lens.as_mut();
+        let distorted = lens.map(|lens| lens.distort(r, real, composed, surfaces).clone());
+        let distorted = distorted.as_ref().unwrap_or(composed);
+        let stages = (self.lens.as_ref(), &pictures.kinds);
+        self.look.record(r, real, &surfaces, stages, distorted);
         let finished = match &mut self.reproject {
             Some(stage) if plan.reprojected => stage.record(r, distorted),
             _ => distorted,
@@ -140,17 +142,23 @@ impl Pipelines {
         r: &mut Recorder<'_>,
         frame: &wgpu::BindGroup,
         scene: &SceneBuffers,
-        covered: [u32; 4],
+        (variant, covered): (Variant, [u32; 4]),
         pictures: &'a SizedResources,
     ) -> Surfaces<'a> {
         let phantoms = self
             .phantom_geometry
             .record(r, frame, scene, &pictures.phantoms);
-        let virtual_surfaces =
-            self.virtual_geometry
-                .record(r, frame, scene, &pictures.virtual_surfaces);
+        let visible = pixels_of(covered, pictures.size);
+        let virtual_surfaces = &pictures.virtual_surfaces;
+        self.virtual_geometry
+            .record(r, frame, scene, visible, virtual_surfaces);
         let seen = (phantoms, virtual_surfaces);
-        let tiles = self.tiles.record(r, frame, seen, covered, &pictures.tiles);
+        // Where light is kept on surfaces, only virtual lights depend on the tile.
+        let tiles = if variant.cached && !variant.lamps {
+            &pictures.tiles
+        } else {
+            self.tiles.record(r, frame, seen, covered, &pictures.tiles)
+        };
         Surfaces {
             phantoms,
             virtual_surfaces,
@@ -158,4 +166,34 @@ impl Pipelines {
             covered_tiles: &pictures.covered_tiles,
         }
     }
+
+    /// Draws the light that surfaces lose, and finds the tiles in which real edges matter to it.
+    fn record_shadows<'a>(
+        &mut self,
+        r: &mut Recorder<'_>,
+        frame: &wgpu::BindGroup,
+        source: &ShadowSource<'_>,
+        surfaces: Surfaces<'_>,
+        plan: &FramePlan,
+        pictures: &'a SizedResources,
+    ) -> &'a ShadowPictures {
+        let shadows = &pictures.shadows;
+        let lit = if plan.subtract { 0.0 } else { 1.0 };
+        self.shadow_buffer
+            .record(r, frame, source, surfaces, lit, shadows);
+        // Subtraction does not examine edges.
+        if !plan.subtract {
+            self.edge_tiles
+                .record(r, frame, surfaces, shadows, &pictures.edge_tiles);
+        }
+        shadows
+    }
+}
+
+/// The rectangle of pixels that a rectangle of tiles (x, y, width, height) covers in a picture of
+/// `size`.
+fn pixels_of([x, y, across, down]: [u32; 4], (width, height): (u32, u32)) -> [u32; 4] {
+    let (left, top) = (x * TILE, y * TILE);
+    let (right, bottom) = ((x + across) * TILE, (y + down) * TILE);
+    [left, top, right.min(width) - left, bottom.min(height) - top]
 }

@@ -1,6 +1,7 @@
 //! Everything that differs from frame to frame.
 
 use super::exposure::choice::Exposure;
+use super::look::Look;
 use super::planes::options::PlanesChoice;
 use super::reproject::Reprojection;
 use super::shadow_slots::Refresh;
@@ -10,6 +11,18 @@ use penumbra_interface::RigidTransform;
 use penumbra_lighting::Lighting;
 use penumbra_picture::Picture;
 use penumbra_scene::{Highlights, IndirectLight, LampResponse, PlacedLamp, ShadowMode};
+
+/// The ends of an interpolation of the light in time. Each end keeps its generation and content as
+/// long as it is an end, first as `to`, then as `from`.
+#[derive(Clone, Copy)]
+pub struct LightSpan<'a> {
+    /// The light at weight 0.
+    pub from: &'a Lighting,
+    /// The light at weight 1; the same as `from` where the light is not interpolated.
+    pub to: &'a Lighting,
+    /// Share of `to`, 0 to 1.
+    pub weight: f32,
+}
 
 /// The input of one frame. [`FrameInput::new`] shows the camera picture alone; struct update
 /// syntax adds the rest.
@@ -33,6 +46,8 @@ pub struct FrameInput<'a> {
     pub reprojection: Option<Reprojection>,
     /// The light; `None` shows the camera picture alone.
     pub lighting: Option<&'a Lighting>,
+    /// The two lights whose blend `lighting` is, for results that are kept for each of them.
+    pub light_span: Option<LightSpan<'a>>,
     /// Light that virtual objects reflect onto the real scene under `lighting`, if it is known.
     pub indirect_light: Option<&'a IndirectLight>,
     /// Virtual lights; those after the first [`penumbra_scene::lamps::MAX_LAMPS`] are ignored.
@@ -57,6 +72,8 @@ pub struct FrameInput<'a> {
     pub exposure: Exposure,
     /// How clipped areas are shown in a shorter exposure.
     pub highlights: Highlights,
+    /// The camera's look, which virtual objects are given.
+    pub look: Look,
 }
 
 impl<'a> FrameInput<'a> {
@@ -73,6 +90,7 @@ impl<'a> FrameInput<'a> {
             world_from_camera: None,
             reprojection: None,
             lighting: None,
+            light_span: None,
             indirect_light: None,
             lamps: &[],
             lamp_response: LampResponse::Intrinsic,
@@ -84,6 +102,7 @@ impl<'a> FrameInput<'a> {
             planes: None,
             exposure: Exposure::Camera,
             highlights: Highlights::default(),
+            look: Look::default(),
         }
     }
 }

@@ -25,8 +25,6 @@ pub struct UniformInputs<'a> {
     pub highest_surroundings_level: u32,
     /// Number of the coarsest level of the radiance maps.
     pub highest_gloss_level: u32,
-    /// Picture pixels per texel of the shadow buffer, each way.
-    pub shadow_step: u32,
     /// Factor of the exposure on linear light.
     pub exposure_factor: f32,
 }
@@ -74,17 +72,12 @@ pub fn frame_uniform(from: &UniformInputs<'_>) -> FrameUniform {
         counts: [
             from.lights,
             u32::from(input.shadow_mode == ShadowMode::Subtract),
-            from.shadow_step,
+            0,
             from.highest_gloss_level,
         ],
         params: [input.shadow_strength, ground_height, has_ground, steps],
         ground: ground.extend(from.exposure_factor).to_array(),
-        tiling: [
-            from.lights.div_ceil(64).max(1),
-            TILE,
-            from.shadow_step.ilog2(),
-            TILE.ilog2(),
-        ],
+        tiling: [from.lights.div_ceil(64).max(1), TILE, 0, TILE.ilog2()],
         indirect_low: indirect.map_or([0.0; 4], |n| n.low.extend(1.0).to_array()),
         indirect_high: indirect.map_or([1.0; 4], |n| n.high.extend(0.0).to_array()),
         planes_low: [0.0; 4],

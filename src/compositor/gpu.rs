@@ -1,6 +1,8 @@
 //! The graphics adapter and device: selection, features, errors.
 
-use std::sync::{Arc, Mutex, PoisonError};
+use super::requirements::{required_limits, shortfalls};
+use super::shaders::MAX_LIGHTS;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use thiserror::Error;
 
 /// The graphics device could not be opened, or failed.
@@ -59,12 +61,19 @@ pub struct Gpu {
     pub software: bool,
     /// Whether passes can be timed on the device.
     pub timestamps: bool,
-    /// The first error that no call returned.
-    fault: Fault,
+    fault: SharedFault,
 }
 
-/// The first error of the device. Without a handler, wgpu panics.
-type Fault = Arc<Mutex<Option<String>>>;
+type SharedFault = Arc<Mutex<Fault>>;
+
+/// What went wrong with a device.
+#[derive(Debug, Default)]
+struct Fault {
+    /// Why the device was lost; nothing that was created on it can be used any more.
+    lost: Option<String>,
+    /// The first error that no call returned.
+    first: Option<String>,
+}
 
 /// Backends that print nothing where they are missing: GL warns about XDG_RUNTIME_DIR on a headless
 /// machine.
@@ -74,14 +83,30 @@ const BACKENDS: wgpu::Backends = wgpu::Backends::VULKAN
 
 impl Gpu {
     /// Opens the adapter with the number `wanted`, or whose name contains it (ignoring case);
-    /// without it the fastest one, a real GPU before a software driver.
+    /// without it the fastest one that has the required limits, a real GPU before a software driver.
     ///
     /// # Errors
-    /// There is no adapter, none of that name or number, or it lacks a required feature or limit.
+    /// There is no adapter, none of that name or number, or it lacks a required limit.
     pub fn open(wanted: Option<&str>) -> Result<Self, GpuError> {
         let instance = Self::instance();
+        let all = adapters(&instance);
+        if wanted.is_some() || all.is_empty() {
+            return Self::from_adapter(&instance, choose(all, wanted)?);
+        }
+        Self::from_first(&instance, all)
+    }
+
+    /// Opens the adapter `wanted`, as [`Self::open`] does, with no more than the required limits and
+    /// without optional features: the device of the weakest adapter that is supported. Tests on it
+    /// show that the requirements are complete.
+    ///
+    /// # Errors
+    /// As [`Self::open`].
+    pub fn open_least(wanted: Option<&str>) -> Result<Self, GpuError> {
+        let instance = Self::instance();
         let adapter = choose(adapters(&instance), wanted)?;
-        Self::from_adapter(instance, adapter)
+        let none = wgpu::Features::empty();
+        Self::request(&instance, adapter, required_limits(), none)
     }
 
     /// Opens an adapter, as [`Self::open`] does, that can show pictures on `surface`, which
@@ -100,7 +125,7 @@ impl Gpu {
         } else {
             let (able, others): (Vec<_>, Vec<_>) = all
                 .into_iter()
-                .partition(|a| a.is_surface_supported(surface));
+                .partition(|a| is_fit(a) && a.is_surface_supported(surface));
             // If no adapter is able, the error names the best of the others.
             choose(if able.is_empty() { others } else { able }, None)?
         };
@@ -110,7 +135,7 @@ impl Gpu {
                 reason: "it cannot show pictures in a window here; run with --headless".to_owned(),
             });
         }
-        Self::from_adapter(instance, adapter)
+        Self::from_adapter(&instance, adapter)
     }
 
     /// Creates the instance, which creates surfaces and finds adapters.
@@ -126,12 +151,48 @@ impl Gpu {
         wgpu::Instance::new(description)
     }
 
-    fn from_adapter(instance: wgpu::Instance, adapter: wgpu::Adapter) -> Result<Self, GpuError> {
-        let info = adapter.get_info();
-        let timestamps = adapter.features().contains(wgpu::Features::TIMESTAMP_QUERY);
-        let mut features = wgpu::Features::empty();
-        features.set(wgpu::Features::TIMESTAMP_QUERY, timestamps);
+    /// Opens an adapter with all its limits and, if it has them, time stamps.
+    fn from_adapter(instance: &wgpu::Instance, adapter: wgpu::Adapter) -> Result<Self, GpuError> {
         let limits = adapter.limits();
+        let features = adapter.features() & wgpu::Features::TIMESTAMP_QUERY;
+        Self::request(instance, adapter, limits, features)
+    }
+
+    /// Opens the first adapter that can be opened; the error is that of the first one.
+    fn from_first(
+        instance: &wgpu::Instance,
+        adapters: Vec<wgpu::Adapter>,
+    ) -> Result<Self, GpuError> {
+        let mut first = None;
+        for adapter in adapters {
+            match Self::from_adapter(instance, adapter) {
+                Err(error) => first = first.or(Some(error)),
+                opened => return opened,
+            }
+        }
+        Err(first.unwrap_or(GpuError::NoAdapter))
+    }
+
+    fn request(
+        instance: &wgpu::Instance,
+        adapter: wgpu::Adapter,
+        limits: wgpu::Limits,
+        features: wgpu::Features,
+    ) -> Result<Self, GpuError> {
+        let info = adapter.get_info();
+        let unfit = |reason| GpuError::Unfit {
+            adapter: info.name.clone(),
+            reason,
+        };
+        let flags = adapter.get_downlevel_capabilities().flags;
+        if !flags.contains(wgpu::DownlevelFlags::SHADER_F16_IN_F32) {
+            let reason = "no half floats in shaders; a software driver needs a processor with F16C";
+            return Err(unfit(reason.to_owned()));
+        }
+        let lacking = shortfalls(&adapter.limits());
+        if !lacking.is_empty() {
+            return Err(unfit(format!("limits too small: {}", lacking.join(", "))));
+        }
         let request = adapter.request_device(&wgpu::DeviceDescriptor {
             label: Some("penumbra"),
             required_features: features,
@@ -139,20 +200,18 @@ impl Gpu {
             memory_hints: wgpu::MemoryHints::Performance,
             ..Default::default()
         });
-        let (device, queue) = pollster::block_on(request).map_err(|e| GpuError::Unfit {
-            adapter: info.name.clone(),
-            reason: e.to_string(),
-        })?;
+        let opened = pollster::block_on(request);
+        let (device, queue) = opened.map_err(|e| unfit(e.to_string()))?;
         let software = info.device_type == wgpu::DeviceType::Cpu;
         Ok(Self {
-            fault: keep_first_error(&device),
-            instance,
+            fault: watch(&device),
+            instance: instance.clone(),
             adapter,
             device,
             queue,
             name: info.name,
             software,
-            timestamps,
+            timestamps: features.contains(wgpu::Features::TIMESTAMP_QUERY),
         })
     }
 
@@ -162,12 +221,9 @@ impl Gpu {
     /// The device was lost, ran out of memory or refused a command since it was opened.
     pub fn wait(&self) -> Result<(), GpuError> {
         let polled = self.device.poll(wgpu::PollType::wait_indefinitely());
-        let fault = self
-            .fault
-            .lock()
-            .unwrap_or_else(PoisonError::into_inner)
-            .clone();
-        match fault.or_else(|| polled.err().map(|e| e.to_string())) {
+        let fault = lock(&self.fault);
+        let reason = fault.lost.as_ref().or(fault.first.as_ref()).cloned();
+        match reason.or_else(|| polled.err().map(|e| e.to_string())) {
             None => Ok(()),
             Some(reason) => Err(GpuError::Failed {
                 adapter: self.name.clone(),
@@ -175,17 +231,59 @@ impl Gpu {
             }),
         }
     }
+
+    /// Returns why the device was lost (reset by its driver, unplugged, out of memory); `None` while
+    /// it can be used. Nothing that was created on a lost device can be used any more.
+    #[must_use]
+    pub fn loss(&self) -> Option<String> {
+        // The loss may be reported by a poll only.
+        let _ = self.device.poll(wgpu::PollType::Poll);
+        lock(&self.fault).lost.clone()
+    }
+
+    /// Opens a new device after a loss: of the same adapter or, if that is gone, of the fastest
+    /// other one.
+    ///
+    /// # Errors
+    /// No adapter can be opened; the error is that of the lost one.
+    pub fn reopen(&self) -> Result<Self, GpuError> {
+        let mut candidates = vec![self.adapter.clone()];
+        candidates.extend(adapters(&self.instance));
+        Self::from_first(&self.instance, candidates)
+    }
+
+    /// Maximum number of dome lights, whose shadow maps are the layers of one texture.
+    #[must_use]
+    pub fn max_lights(&self) -> u32 {
+        MAX_LIGHTS.min(self.device.limits().max_texture_array_layers)
+    }
 }
 
-/// Keeps the first error of the device, which [`Gpu::wait`] returns.
-fn keep_first_error(device: &wgpu::Device) -> Fault {
-    let fault = Fault::default();
-    let keep = fault.clone();
+/// Keeps the loss and the first error of the device, which [`Gpu::wait`] returns. Without handlers
+/// wgpu would panic.
+fn watch(device: &wgpu::Device) -> SharedFault {
+    let fault = SharedFault::default();
+    let (on_error, on_loss) = (fault.clone(), fault.clone());
     device.on_uncaptured_error(Arc::new(move |error: wgpu::Error| {
-        let mut kept = keep.lock().unwrap_or_else(PoisonError::into_inner);
-        kept.get_or_insert_with(|| error.to_string());
+        let mut fault = lock(&on_error);
+        fault.first.get_or_insert_with(|| error.to_string());
     }));
+    device.set_device_lost_callback(move |reason, message| {
+        let text = match message.trim() {
+            "" => format!("{reason:?}").to_lowercase(),
+            text => text.to_owned(),
+        };
+        lock(&on_loss).lost.get_or_insert(text);
+    });
     fault
+}
+
+fn lock(fault: &SharedFault) -> MutexGuard<'_, Fault> {
+    fault.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+fn is_fit(adapter: &wgpu::Adapter) -> bool {
+    shortfalls(&adapter.limits()).is_empty()
 }
 
 /// All adapters, the fastest first.

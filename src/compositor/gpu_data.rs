@@ -111,6 +111,16 @@ pub struct VirtualPartUniform {
     pub surface: [f32; 4],
     pub emissive: [f32; 4],
     pub phong: [f32; 4],
+    /// Offsets of uniforms are multiples of 256 bytes.
+    pub unused: [[f32; 4]; 4],
+}
+
+impl VirtualPartUniform {
+    /// The dynamic offset of part `number` in a buffer of parts.
+    pub const fn offset(number: u32) -> u32 {
+        const { assert!(size_of::<Self>() == 256) };
+        number * size_of::<Self>() as u32
+    }
 }
 
 /// Twin of WGSL `PhantomPart`.

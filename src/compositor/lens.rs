@@ -8,6 +8,7 @@
 //! no such stage.
 
 use super::bindings::{CachedGroup, PipelineSpec, Slot, group, layout, view};
+use super::passes::shadow_buffer::Surfaces;
 use super::recorder::Recorder;
 use super::response_table::RealPicture;
 use super::shaders::{self, Variant};
@@ -42,6 +43,8 @@ pub(super) struct LensStage {
     /// The camera with distortion.
     camera: PinholeCamera,
     output: LensOutput,
+    /// Whether the distorted picture holds in alpha how much of a pixel virtual surfaces leave open.
+    coverage: bool,
     /// The camera of the undistorted picture.
     pub undistorted: PinholeCamera,
     /// Squared tangent of the direction farthest from the axis that the camera picture shows.
@@ -56,6 +59,8 @@ pub(super) struct LensStage {
 struct Distort {
     /// Pipelines for the camera's exposure, and for another.
     pipelines: [wgpu::RenderPipeline; 2],
+    /// The position of each pixel in the undistorted picture.
+    position_texture: FrameTexture,
     /// The raw picture and the positions of its pixels in the undistorted one.
     positions: wgpu::BindGroup,
     /// The undistorted pictures.
@@ -68,7 +73,7 @@ impl LensStage {
     pub fn new(
         gpu: (&wgpu::Device, &wgpu::Queue),
         camera: &PinholeCamera,
-        output: LensOutput,
+        (output, coverage): (LensOutput, bool),
         variant: Variant,
     ) -> Option<Self> {
         if camera.distortion == [0.0; 5] {
@@ -99,11 +104,13 @@ impl LensStage {
             let positions = upload(gpu, camera, position);
             let bound = [view(&raw.view), view(&positions.view)];
             let bound = group(device, "distort camera", &inputs, &bound);
-            Distort::new(device, &module, (&inputs, bound), (size, variant))
+            let positions = (&inputs, bound, positions);
+            Distort::new(device, &module, positions, (size, variant), coverage)
         });
         Some(Self {
             camera: camera.clone(),
             output,
+            coverage,
             reach: reach(camera),
             undistorted,
             raw,
@@ -112,9 +119,9 @@ impl LensStage {
         })
     }
 
-    /// Whether the stage was made for this camera and output.
-    pub fn suits(&self, camera: &PinholeCamera, output: LensOutput) -> bool {
-        self.camera == *camera && self.output == output
+    /// Whether the stage was made for this camera and output, and with or without coverage.
+    pub fn suits(&self, camera: &PinholeCamera, output: (LensOutput, bool)) -> bool {
+        self.camera == *camera && (self.output, self.coverage) == output
     }
 
     /// Undistorts the uploaded camera picture into `output`.
@@ -128,14 +135,21 @@ impl LensStage {
         output
     }
 
-    /// Distorts the composed picture, unless the undistorted one was requested. `surface` holds the
-    /// virtual surfaces, for their outlines.
+    /// The camera picture and the positions of its pixels in the undistorted one, where the finished
+    /// picture is distorted.
+    pub fn distorted(&self) -> Option<(&FrameTexture, &FrameTexture)> {
+        let distort = self.distort.as_ref()?;
+        Some((&self.raw, &distort.position_texture))
+    }
+
+    /// Distorts the composed picture, unless the undistorted one was requested. `surfaces` holds
+    /// the virtual ones, for their outlines.
     pub fn distort<'a>(
         &'a mut self,
         r: &mut Recorder<'_>,
         real: RealPicture<'_>,
         composed: &'a FrameTexture,
-        surface: &FrameTexture,
+        surfaces: Surfaces<'_>,
     ) -> &'a FrameTexture {
         let Some(distort) = &mut self.distort else {
             return composed;
@@ -144,7 +158,7 @@ impl LensStage {
             view(&real.camera.view),
             real.codes.binding(),
             view(&composed.view),
-            view(&surface.view),
+            view(&surfaces.virtual_surfaces.surface[0].view),
         ];
         let undistorted = distort.undistorted.get(r.device, &resources);
         let pipeline = &distort.pipelines[usize::from(real.exposed.is_some())];
@@ -158,19 +172,26 @@ impl Distort {
     fn new(
         device: &wgpu::Device,
         module: &wgpu::ShaderModule,
-        (camera, positions): (&wgpu::BindGroupLayout, wgpu::BindGroup),
+        (camera, positions, texture): (&wgpu::BindGroupLayout, wgpu::BindGroup, FrameTexture),
         (size, variant): ((u32, u32), Variant),
+        coverage: bool,
     ) -> Self {
         let (shape, _) = Slot::sampled(variant.samples);
         let f = Slot::Unfilterable;
         let slots = [f, Slot::Uniform, f, shape];
         let undistorted = CachedGroup::from_slots(device, "distort", &slots);
         let usage = U::RENDER_ATTACHMENT | U::TEXTURE_BINDING | U::COPY_SRC;
+        let entries = if coverage {
+            ["distorted_covered", "distorted_exposed_covered"]
+        } else {
+            ["distorted", "distorted_exposed"]
+        };
         Self {
-            pipelines: ["distorted", "distorted_exposed"]
+            pipelines: entries
                 .map(|entry| pipeline(device, module, &[camera, &undistorted.layout], entry)),
             output: FrameTexture::new(device, "distorted output", size, format::OUTPUT, usage),
             positions,
+            position_texture: texture,
             undistorted,
         }
     }

@@ -12,21 +12,22 @@
 //! 6. Shadow buffer: the light that each surface lacks, from shadow maps or shadowing planes.
 //! 7. Add the light of virtual lights on real surfaces; gather the surroundings for reflections.
 //! 8. Composite: the real picture times its shadow factor, virtual surfaces shaded on top.
-//! 9. Distort the picture as the camera does; warp it to the pose of its display.
+//! 9. Distort the picture as the camera does; give its virtual parts the camera's look; warp it to
+//!    the pose of its display.
 //! 10. Measure the added light for the automatic exposure; copy the picture for reading.
 //!
 //! Modules, in the order in which data flows:
 //!
 //! | module | content |
 //! |---|---|
-//! | [`gpu`], `bindings`, `textures`, `texels`, `recorder`, [`timing`] | the device and short forms of wgpu |
+//! | [`gpu`], [`requirements`], `bindings`, `textures`, `texels`, `recorder`, [`timing`] | the device and short forms of wgpu |
 //! | `gpu_data`, `shaders`, `response_table` | the data that shaders read, and their text |
 //! | `mesh_buffers`, `materials`, `detail`, `moving`, `emitters`, `scene_buffers`, `scene_upload` | the scene on the device |
 //! | `caster_hull`, `shadow_slots`, `cover` | the choice of shadow maps to draw again and of covered tiles |
 //! | `light_maps`, `gloss_maps`, `indirect_light_maps`, `lamp_maps`, `lamp_layers`, `lamp_coverage`, `lamp_screens` | the light on the device |
 //! | `settings`, `frame_input`, `frame_view`, `frame_uniform` | the input of a frame |
 //! | `passes`, `pipelines`, `sized_resources` | the passes and their pictures |
-//! | `lens`, [`exposure`], [`planes`], `reproject` | stages: groups of passes that run as one step |
+//! | `lens`, [`exposure`], [`planes`], [`look`], `reproject` | stages: groups of passes that run as one step |
 //! | `compositor`, `prepare`, `frame` | the state kept between frames; uploads; the passes in order |
 //! | [`readback`] | the finished picture in memory |
 //! | [`mod@reference`] | the same picture computed on the CPU, for tests |
@@ -52,6 +53,7 @@ mod lamp_maps;
 mod lamp_screens;
 mod lens;
 mod light_maps;
+pub mod look;
 mod materials;
 mod mesh_buffers;
 mod moving;
@@ -63,6 +65,7 @@ pub mod readback;
 mod recorder;
 pub mod reference;
 mod reproject;
+pub mod requirements;
 mod response_table;
 mod scene_buffers;
 mod scene_upload;
@@ -70,15 +73,17 @@ mod settings;
 mod shaders;
 mod shadow_slots;
 mod sized_resources;
+mod surface_light;
 mod texels;
 mod textures;
 pub mod timing;
 
 pub use compositor::Compositor;
 pub use exposure::Exposure;
-pub use frame_input::FrameInput;
+pub use frame_input::{FrameInput, LightSpan};
 pub use gpu::{Gpu, GpuError};
 pub use lens::LensOutput;
+pub use look::Look;
 pub use passes::present::PresentPass;
 pub use reproject::Reprojection;
 pub use scene_upload::{SceneUploader, UploadedScene};

@@ -9,6 +9,7 @@ use super::indirect_light_maps::IndirectLightMaps;
 use super::lamp_maps::LampMaps;
 use super::lamp_screens::LampScreens;
 use super::shaders::MAX_LIGHTS;
+use super::surface_light::CacheTextures;
 use super::texels::{half_texel, write_level};
 use super::textures::format;
 use glam::Vec3;
@@ -19,7 +20,7 @@ use penumbra_scene::{IndirectLight, PlacedLamp};
 const BY_NORMAL: u32 = 33;
 
 /// The bindings of the frame, in the order of [`FrameParts::group`].
-const FRAME_SLOTS: [Slot; 11] = [
+const FRAME_SLOTS: [Slot; 14] = [
     Slot::Uniform,
     Slot::Uniform,
     Slot::Texture,
@@ -31,16 +32,23 @@ const FRAME_SLOTS: [Slot; 11] = [
     Slot::DepthArray,
     Slot::Comparison,
     Slot::Layers,
+    Slot::Integer,
+    Slot::Texture,
+    Slot::Texture,
 ];
 
 /// The light of a frame on the GPU.
 pub struct LightMaps {
     pub frame_layout: wgpu::BindGroupLayout,
     pub frame_group: wgpu::BindGroup,
+    /// The same without the surface cache, for passes that write it.
+    pub uncached_group: wgpu::BindGroup,
     pub gloss: GlossMaps,
     indirect: IndirectLightMaps,
     pub lamps: LampMaps,
     screens: wgpu::TextureView,
+    cache: CacheTextures,
+    no_cache: CacheTextures,
     frame: wgpu::Buffer,
     lights: wgpu::Buffer,
     /// Irradiance by normal, of all lights and of compact sources.
@@ -79,6 +87,7 @@ impl LightMaps {
         let indirect = IndirectLightMaps::new(device);
         let lamps = LampMaps::new(device);
         let screens = no_screens(device);
+        let cache = CacheTextures::none(device);
         let parts = FrameParts {
             buffers: [&frame, &lights],
             tables: &tables,
@@ -86,15 +95,19 @@ impl LightMaps {
             indirect: &indirect,
             lamps: &lamps,
             screens: &screens,
+            cache: &cache,
         };
         let frame_group = parts.group(device, &frame_layout);
         Self {
+            uncached_group: frame_group.clone(),
+            no_cache: CacheTextures::none(device),
             frame_layout,
             frame_group,
             gloss: GlossMaps::new(device),
             indirect,
             lamps,
             screens,
+            cache,
             frame,
             lights,
             tables,
@@ -158,6 +171,17 @@ impl LightMaps {
         self.regroup(device);
     }
 
+    /// Binds the surface cache.
+    pub fn bind_cache(&mut self, device: &wgpu::Device, cache: CacheTextures) {
+        self.cache = cache;
+        self.regroup(device);
+    }
+
+    /// The surface cache's textures, for another set of light maps.
+    pub fn take_cache(&mut self, device: &wgpu::Device) -> CacheTextures {
+        std::mem::replace(&mut self.cache, CacheTextures::none(device))
+    }
+
     fn regroup(&mut self, device: &wgpu::Device) {
         let parts = FrameParts {
             buffers: [&self.frame, &self.lights],
@@ -166,8 +190,11 @@ impl LightMaps {
             indirect: &self.indirect,
             lamps: &self.lamps,
             screens: &self.screens,
+            cache: &self.cache,
         };
         self.frame_group = parts.group(device, &self.frame_layout);
+        let cache = &self.no_cache;
+        self.uncached_group = FrameParts { cache, ..parts }.group(device, &self.frame_layout);
     }
 
     /// Uploads the light that virtual objects reflect onto the real scene.
@@ -184,6 +211,7 @@ struct FrameParts<'a> {
     indirect: &'a IndirectLightMaps,
     lamps: &'a LampMaps,
     screens: &'a wgpu::TextureView,
+    cache: &'a CacheTextures,
 }
 
 /// Creates a placeholder for the pictures of area lamps before there is a scene.
@@ -214,6 +242,7 @@ impl FrameParts<'_> {
             .tables
             .each_ref()
             .map(|t| t.create_view(&wgpu::TextureViewDescriptor::default()));
+        let [table, first, second] = self.cache.bindings();
         let resources = [
             self.buffers[0].as_entire_binding(),
             self.buffers[1].as_entire_binding(),
@@ -226,6 +255,9 @@ impl FrameParts<'_> {
             view(&self.lamps.array),
             sampler(&self.lamps.compare),
             view(self.screens),
+            table,
+            first,
+            second,
         ];
         group(device, "frame", layout, &resources)
     }

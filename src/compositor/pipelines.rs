@@ -1,6 +1,7 @@
 //! The passes that every frame runs, compiled.
 
 use super::passes::composite::CompositePass;
+use super::passes::edge_tiles::EdgeTilesPass;
 use super::passes::lamp_map::LampMapPass;
 use super::passes::lamp_response::LampResponsePass;
 use super::passes::phantom_geometry::PhantomGeometryPass;
@@ -20,6 +21,7 @@ pub struct Pipelines {
     pub virtual_geometry: VirtualGeometryPass,
     pub tiles: TilesPass,
     pub shadow_buffer: ShadowBufferPass,
+    pub edge_tiles: EdgeTilesPass,
     pub lamp_response: LampResponsePass,
     pub surroundings: SurroundingsPass,
     pub composite: CompositePass,
@@ -40,6 +42,7 @@ impl Pipelines {
             virtual_geometry: VirtualGeometryPass::new(device, frame, scene, variant),
             tiles: TilesPass::new(device, frame, variant),
             shadow_buffer: ShadowBufferPass::new(device, frame, variant),
+            edge_tiles: EdgeTilesPass::new(device, frame, variant),
             lamp_response: LampResponsePass::new(device, frame, scene, variant),
             surroundings: SurroundingsPass::new(device, frame, variant),
             composite: CompositePass::new(device, frame, variant),

@@ -9,15 +9,20 @@ use super::frame_view::FrameView;
 use super::gpu::GpuError;
 use super::gpu_data::LightUniform;
 use super::lens::{LensOutput, LensStage};
+use super::look::LookFit;
 use super::moving::upload;
 use super::passes::exposure::ExposedPictures;
 use super::pipelines::Pipelines;
 use super::reproject::ReprojectStage;
 use super::shaders::Variant;
 use super::sized_resources::SizedResources;
+use super::surface_light::mark_tiles;
+use super::textures::TILE;
 use glam::DMat4;
 use penumbra_camera::PinholeCamera;
+use penumbra_lighting::{DomeLight, LightKind};
 use penumbra_scene::{LampResponse, ShadowMode};
+use penumbra_surface_cache::SurfaceLight;
 
 /// Ratio of the texels of a virtual light's maps to those of a dome light's, each way, where soft
 /// shadows are affordable or where area lamps divide maps into views: shadows of virtual lights
@@ -44,7 +49,7 @@ impl Compositor {
     /// can read.
     pub(crate) fn prepare(&mut self, input: &FrameInput<'_>) -> Result<FramePlan, GpuError> {
         self.place_moving_parts(input.seconds);
-        self.fit_lens(input.camera);
+        self.fit_lens(input);
         self.fit_reprojection(input);
         let view = FrameView::new(input, self.lens.as_ref());
         self.fit_variant(input);
@@ -68,6 +73,9 @@ impl Compositor {
             moved = true;
             upload(&self.gpu.queue, part, number, buffers);
             self.slots.move_caster(number, world.as_mat4());
+            if let Some(light) = &mut self.surface_light {
+                light.place(part.index, world);
+            }
             if let Some(corners) = part.placed_corners() {
                 self.cover.set_box(part.index, corners);
                 if let Some(drawn) = self.scene.virtual_parts.get_mut(part.index) {
@@ -81,8 +89,9 @@ impl Compositor {
     }
 
     /// Replaces the lens stage when the camera or the lens output has changed.
-    fn fit_lens(&mut self, camera: &PinholeCamera) {
-        let output = self.lens_output;
+    fn fit_lens(&mut self, input: &FrameInput<'_>) {
+        let camera = input.camera;
+        let output = (self.lens_output, !input.look.is_none());
         let distorts = camera.distortion != [0.0; 5];
         let suits = self.lens.as_ref().map(|lens| lens.suits(camera, output));
         if suits.unwrap_or(!distorts) {
@@ -128,9 +137,6 @@ impl Compositor {
             return;
         }
         self.variant = variant;
-        if let Some(planes) = &mut self.planes {
-            planes.forget_pipelines();
-        }
         self.exposure.forget_pipelines();
         let frame = &self.light_maps.frame_layout;
         self.pipelines = Pipelines::new(&self.gpu.device, frame, &self.layouts, variant);
@@ -138,7 +144,9 @@ impl Compositor {
 
     /// Allocates the pictures of a frame when their size has changed.
     fn fit_pictures(&mut self, size: (u32, u32)) -> Result<(), GpuError> {
-        if self.pictures.as_ref().is_some_and(|p| p.size == size) {
+        let cached = self.variant.cached;
+        let fits = |p: &SizedResources| p.size == size && p.cached == cached;
+        if self.pictures.as_ref().is_some_and(fits) {
             return Ok(());
         }
         let max = self.gpu.device.limits().max_texture_dimension_2d;
@@ -151,8 +159,7 @@ impl Compositor {
                 ),
             });
         }
-        let (samples, step) = (self.settings.samples, self.settings.shadow_step);
-        self.pictures = Some(SizedResources::new(&self.gpu.device, size, samples, step));
+        self.pictures = Some(SizedResources::new(&self.gpu.device, size, self.variant));
         Ok(())
     }
 
@@ -209,10 +216,17 @@ impl Compositor {
         self.prepare_exposure(input, view, &plan, has_virtual);
         let by_planes = self.prepare_planes(input, view, augmented)?;
         // Planes need no shadow maps.
-        let mapped = if by_planes { &[] } else { lights };
+        let shadowing = if by_planes { &[] } else { lights };
         let map_size = self.settings.map_size();
-        self.slots
-            .schedule(mapped, map_size, input.refresh, &mut self.chosen);
+        // Light that is kept on surfaces needs none on the device.
+        let cached = self.variant.cached;
+        if cached {
+            self.update_surface_light(input, view, (lights, by_planes), has_virtual);
+        } else {
+            self.slots
+                .schedule(shadowing, map_size, input.refresh, &mut self.chosen);
+        }
+        let mapped = if cached { &[] } else { shadowing };
         let mut uniform = frame_uniform(&UniformInputs {
             input,
             view,
@@ -225,7 +239,6 @@ impl Compositor {
                 .as_ref()
                 .map_or(0, |p| p.surroundings.highest_level()),
             highest_gloss_level: self.light_maps.gloss.highest_level(),
-            shadow_step: self.settings.shadow_step,
             exposure_factor: self.exposure.factor(),
         });
         let lamps = if has_virtual { input.lamps } else { &[] };
@@ -235,7 +248,7 @@ impl Compositor {
         let lights = stage.map_or(lights, |stage| stage.shade(input, &mut uniform, lights));
         let slots = &self.slots;
         let each = lights.iter().enumerate().map(|(i, light)| {
-            if by_planes {
+            if by_planes || cached {
                 LightUniform::unmapped(light)
             } else {
                 slots.uniform(i, light)
@@ -243,7 +256,63 @@ impl Compositor {
         });
         self.light_maps.write_frame(&self.gpu.queue, &uniform, each);
         self.upload_lamps(input, has_virtual);
+        self.prepare_look(input, view, has_virtual);
         Ok(plan)
+    }
+
+    /// Brings the light of the dome's `lights` on surfaces up to date, `by_planes` that of compact
+    /// sources alone, if planes leave them out; and finds the tiles of the picture in which surfaces
+    /// show shadows.
+    fn update_surface_light(
+        &mut self,
+        input: &FrameInput<'_>,
+        view: &FrameView,
+        (lights, by_planes): (&[DomeLight], bool),
+        has_virtual: bool,
+    ) {
+        let (Some(pictures), Some(light)) = (&self.pictures, &mut self.surface_light) else {
+            return;
+        };
+        let queue = &self.gpu.queue;
+        let tiles = &pictures.tiles.phantom.lights;
+        let (across, down) = tiles.size();
+        self.shadow_tiles.clear();
+        self.shadow_tiles.resize((across * down) as usize, [0; 4]);
+        self.chosen.clear();
+        let seen = (input.lighting, input.world_from_camera);
+        let planes = self.planes.as_ref().filter(|_| by_planes);
+        light.keep_apart(&self.gpu.device, by_planes);
+        if let (true, (Some(lighting), Some(pose))) = (has_virtual, seen) {
+            let surface_light = match planes {
+                None => SurfaceLight::new(lighting, lights, input.indirect_light),
+                Some(planes) => {
+                    let left = lights.iter().filter(|_| planes.leaves_sources(input));
+                    let compact = left.filter(|light| light.kind == LightKind::Compact);
+                    self.compact_lights.clear();
+                    self.compact_lights.extend(compact);
+                    SurfaceLight::only(lighting, &self.compact_lights, &self.no_irradiance)
+                }
+            };
+            if self.settings.cache_in_background
+                && let Ok(mut newest) = self.newest_light.try_lock()
+            {
+                newest.get_or_insert_default().keep(&surface_light);
+            }
+            if light.collect(queue) {
+                let size = self.settings.map_size();
+                self.slots
+                    .schedule(surface_light.lights, size, input.refresh, &mut self.chosen);
+                light.update(queue, &surface_light, &self.chosen);
+            }
+            let clip_from_world = view.clip_from_world(pose.inverse().to_matrix());
+            let margin = rolling_shutter_margin(input, view);
+            let tiles = &mut self.shadow_tiles;
+            let served = planes.map_or(&[][..], |planes| planes.served_bounds());
+            for shadowed in [light.shadowed(), served] {
+                mark_tiles(shadowed, clip_from_world, view.size, (TILE, margin), tiles);
+            }
+        }
+        tiles.upload(queue, bytemuck::cast_slice(&self.shadow_tiles), 16);
     }
 
     /// Chooses the exposure, compiles its passes, allocates their pictures and uploads it.
@@ -270,12 +339,38 @@ impl Compositor {
         }
         let metered = MeteredFrame {
             subtract: plan.subtract,
-            shadow_step: self.settings.shadow_step,
             lamps_apart: plan.lamps_apart,
         };
         let queue = &self.gpu.queue;
         self.exposure
             .upload(queue, view.size.1, &self.response, metered);
+    }
+
+    /// Fits the stage of the camera's look and uploads its data.
+    fn prepare_look(&mut self, input: &FrameInput<'_>, view: &FrameView, has_virtual: bool) {
+        self.look.leave_out();
+        if !has_virtual || input.look.is_none() {
+            return;
+        }
+        let distorted = self
+            .lens
+            .as_ref()
+            .is_some_and(|lens| lens.distorted().is_some());
+        let camera = if distorted { &view.own } else { &view.camera };
+        let factor = self.exposure.factor();
+        let fit = LookFit {
+            samples: self.settings.samples,
+            distorted,
+            exposed: self.exposure.is_changed(),
+        };
+        let gpu = (&self.gpu.device, &self.gpu.queue);
+        let parts = self.cover.boxes();
+        let scene = (
+            parts,
+            self.scene.moving.as_slice(),
+            self.scene.ground_height,
+        );
+        self.look.prepare(gpu, (camera, fit, factor), input, scene);
     }
 
     /// Prepares shadowing planes; false where the frame does not use them.
@@ -288,14 +383,13 @@ impl Compositor {
         let Some(stage) = &mut self.planes else {
             return Ok(false);
         };
-        let (device, frame) = (&self.gpu.device, &self.light_maps.frame_layout);
-        let (shadow_buffer, variant) = (&self.pipelines.shadow_buffer, self.variant);
         stage.prepare(
             &self.gpu,
             input,
             |camera_from_world| view.clip_from_world(camera_from_world),
             augmented,
-            |sums| shadow_buffer.by_planes(device, frame, sums, variant),
+            (&self.light_maps.frame_layout, self.variant),
+            self.surface_light.as_ref(),
         )
     }
 

@@ -1,6 +1,6 @@
 //! A scene on the GPU: parts, materials, casters.
 
-use super::bindings::{Slot, group, layout};
+use super::bindings::{Slot, group, group_of, layout};
 use super::detail::Details;
 use super::emitters::Emitters;
 use super::gpu_data::{PhantomPartUniform, VirtualPartUniform};
@@ -13,7 +13,9 @@ use super::moving::{CASTER_SHIFT, CasterPlaces, MovingPart};
 use glam::{DMat4, Vec3};
 use penumbra_lighting::lobes::phong_parameter;
 use penumbra_scene::still_and_moving;
-use penumbra_scene::{Part, Scene};
+use penumbra_scene::{Mesh, Part, Scene};
+use penumbra_surface_cache::{CacheVertex, Layer, SurfaceCache};
+use std::sync::Arc;
 use wgpu::util::{BufferInitDescriptor, DeviceExt};
 
 /// Static casters, merged in world coordinates: one draw per shadow map.
@@ -40,6 +42,8 @@ pub fn draw_casters<'a>(
 /// One part, ready to draw.
 pub struct DrawPart {
     pub vertices: wgpu::Buffer,
+    /// The vertices' coordinates in the surface cache, if there is one.
+    pub cached: Option<wgpu::Buffer>,
     pub details: Details,
     pub material: Option<wgpu::BindGroup>,
     pub double_sided: bool,
@@ -52,6 +56,9 @@ impl DrawPart {
     pub fn draw(&self, pass: &mut wgpu::RenderPass<'_>, instance: u32) {
         let level = self.details.level();
         pass.set_vertex_buffer(0, self.vertices.slice(..));
+        if let Some(cached) = &self.cached {
+            pass.set_vertex_buffer(1, cached.slice(..));
+        }
         pass.set_index_buffer(level.indices.slice(..), wgpu::IndexFormat::Uint32);
         pass.draw_indexed(0..level.count, 0, instance..instance + 1);
     }
@@ -79,11 +86,16 @@ pub struct SceneBuffers {
     /// Pictures of area lamps, for their light and as visible objects.
     pub screens: LampScreens,
     pub emitters: Emitters,
+    /// Coordinates in the surface cache for a rectangle that it does not hold.
+    pub uncached: wgpu::Buffer,
 }
 
 /// Layouts that are the same for all scenes.
 #[derive(Clone)]
 pub struct SceneLayouts {
+    /// A virtual part.
+    pub part: wgpu::BindGroupLayout,
+    /// All phantoms, or the placements of all casters.
     pub parts: wgpu::BindGroupLayout,
     pub material: wgpu::BindGroupLayout,
 }
@@ -92,6 +104,7 @@ impl SceneLayouts {
     pub fn new(device: &wgpu::Device) -> Self {
         let t = Slot::Texture;
         Self {
+            part: layout(device, "part", &[Slot::UniformOf]),
             parts: layout(device, "parts", &[Slot::Storage]),
             material: layout(device, "material", &[Slot::Sampler, t, t, t, t, t]),
         }
@@ -100,22 +113,32 @@ impl SceneLayouts {
 
 impl SceneBuffers {
     /// Uploads `scene`. `casters` are its virtual parts as they cast shadows (simplified or the
-    /// parts themselves).
+    /// parts themselves); `cache` holds their light.
     pub fn upload(
         device: &wgpu::Device,
         queue: &wgpu::Queue,
         layouts: &SceneLayouts,
         scene: &Scene,
         casters: &[Part],
+        cache: Option<&SurfaceCache>,
     ) -> Self {
         let textures = MaterialUploader::new(device, queue, &layouts.material);
-        let draw = |part: &Part, material: bool| DrawPart {
-            vertices: vertex_buffer(device, bytemuck::cast_slice(&part.mesh.vertices)),
-            details: Details::new(device, part, material),
-            material: material.then(|| textures.bind(&part.material)),
-            double_sided: part.material.double_sided,
-            textured: part.material.is_textured() || part.material.alpha_cutoff > 0.0,
+        let draw = |part: &Part, layer: Layer| {
+            let split = cache.map(|cache| split(cache, part, layer));
+            let (part, cached) = split.as_ref().map_or((part, None), |(p, c)| (p, Some(c)));
+            let material = matches!(layer, Layer::Virtual(_));
+            DrawPart {
+                vertices: vertex_buffer(device, bytemuck::cast_slice(&part.mesh.vertices)),
+                cached: cached.map(|c| vertex_buffer(device, bytemuck::cast_slice(c))),
+                details: Details::new(device, part, material),
+                material: material.then(|| textures.bind(&part.material)),
+                double_sided: part.material.double_sided,
+                textured: part.material.is_textured() || part.material.alpha_cutoff > 0.0,
+            }
         };
+        let (virtual_parts, phantom_parts) = (&scene.virtual_parts, &scene.phantom_parts);
+        let virtual_draws = virtual_parts.iter().enumerate();
+        let phantom_draws = phantom_parts.iter().enumerate();
         let solid: Vec<Part> = scene
             .phantom_parts
             .iter()
@@ -125,24 +148,23 @@ impl SceneBuffers {
         let (still, _) = still_and_moving(casters, &scene.motions);
         let moving = moving(device, scene, casters);
         let uniforms: Vec<_> = scene.virtual_parts.iter().map(virtual_uniform).collect();
-        let (virtual_buffer, virtual_uniforms) = storage(device, &layouts.parts, &uniforms);
+        let virtual_buffer = buffer(device, wgpu::BufferUsages::UNIFORM, &uniforms);
+        let virtual_uniforms =
+            group_of::<VirtualPartUniform>(device, "parts", &layouts.part, &virtual_buffer);
+        let phantom_uniforms: Vec<_> = scene.phantom_parts.iter().map(phantom_uniform).collect();
         let places = CasterPlaces::contents(&moving);
         let (buffer, group) = storage(device, &layouts.parts, &places);
         Self {
-            virtual_parts: scene.virtual_parts.iter().map(|p| draw(p, true)).collect(),
-            phantom_parts: scene.phantom_parts.iter().map(|p| draw(p, false)).collect(),
+            virtual_parts: virtual_draws
+                .map(|(i, p)| draw(p, Layer::Virtual(i)))
+                .collect(),
+            phantom_parts: phantom_draws
+                .map(|(i, p)| draw(p, Layer::Phantom(i)))
+                .collect(),
+            uncached: vertex_buffer(device, &[0; 4 * size_of::<CacheVertex>()]),
             virtual_uniforms,
             virtual_buffer,
-            phantom_uniforms: storage(
-                device,
-                &layouts.parts,
-                &scene
-                    .phantom_parts
-                    .iter()
-                    .map(phantom_uniform)
-                    .collect::<Vec<_>>(),
-            )
-            .1,
+            phantom_uniforms: storage(device, &layouts.parts, &phantom_uniforms).1,
             virtual_casters: merge(device, still),
             phantom_casters: merge(device, &solid),
             moving,
@@ -151,9 +173,28 @@ impl SceneBuffers {
             ground_height: scene.ground_height,
             has_phong: scene.has_phong(),
             screens: LampScreens::new(device, queue, &scene.lamps),
-            emitters: Emitters::new(device, &layouts.parts, &scene.lamps, |m| textures.bind(m)),
+            emitters: Emitters::new(device, &layouts.part, &scene.lamps, |m| textures.bind(m)),
         }
     }
+}
+
+/// A part with its vertices split for the surface cache, and their coordinates there; zeros for
+/// mirrors.
+fn split(cache: &SurfaceCache, part: &Part, layer: Layer) -> (Part, Vec<CacheVertex>) {
+    let Some(split) = cache.split_mesh(layer) else {
+        let nowhere = vec![CacheVertex::default(); part.mesh.vertices.len()];
+        return (part.clone(), nowhere);
+    };
+    let own = &part.mesh.vertices;
+    let mesh = Mesh {
+        vertices: split.vertices.iter().map(|i| own[*i as usize]).collect(),
+        indices: split.indices,
+    };
+    let part = Part {
+        mesh: Arc::new(mesh),
+        ..part.clone()
+    };
+    (part, split.cache)
 }
 
 impl SceneBuffers {
@@ -237,6 +278,7 @@ fn virtual_uniform(part: &Part) -> VirtualPartUniform {
                 .extend(phong_parameter(p.exponent))
                 .to_array()
         }),
+        ..VirtualPartUniform::default()
     }
 }
 
@@ -252,20 +294,26 @@ fn phantom_uniform(part: &Part) -> PhantomPartUniform {
     }
 }
 
+fn buffer<T: bytemuck::Pod>(
+    device: &wgpu::Device,
+    usage: wgpu::BufferUsages,
+    parts: &[T],
+) -> wgpu::Buffer {
+    // A binding may not be empty.
+    let empty = [T::zeroed()];
+    device.create_buffer_init(&BufferInitDescriptor {
+        label: Some("parts"),
+        contents: bytemuck::cast_slice(if parts.is_empty() { &empty } else { parts }),
+        usage: usage | wgpu::BufferUsages::COPY_DST,
+    })
+}
+
 fn storage<T: bytemuck::Pod>(
     device: &wgpu::Device,
     layout: &wgpu::BindGroupLayout,
     parts: &[T],
 ) -> (wgpu::Buffer, wgpu::BindGroup) {
-    // A binding may not be empty.
-    let empty = [T::zeroed()];
-    let contents = bytemuck::cast_slice(if parts.is_empty() { &empty } else { parts });
-    let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST;
-    let buffer = device.create_buffer_init(&BufferInitDescriptor {
-        label: Some("parts"),
-        contents,
-        usage,
-    });
+    let buffer = buffer(device, wgpu::BufferUsages::STORAGE, parts);
     let bound = group(device, "parts", layout, &[buffer.as_entire_binding()]);
     (buffer, bound)
 }

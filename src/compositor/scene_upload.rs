@@ -4,21 +4,33 @@ use super::caster_hull::CasterHull;
 use super::cover::Corners;
 use super::gpu::Gpu;
 use super::scene_buffers::{SceneBuffers, SceneLayouts};
+use super::surface_light::KeptLight;
 use penumbra_scene::{Part, Scene};
+use penumbra_surface_cache::{CacheOptions, SurfaceCache};
+use std::sync::{Arc, Mutex, PoisonError};
+
+/// The light of the newest picture; `None` before the first.
+pub(crate) type NewestLight = Arc<Mutex<Option<KeptLight>>>;
 
 /// Prepares scenes for [`crate::Compositor::show_scene`] of the compositor that returned it.
 #[derive(Clone)]
 pub struct SceneUploader {
     pub(crate) gpu: Gpu,
     pub(crate) layouts: SceneLayouts,
+    /// Sizes of the surface cache; `None` without one.
+    pub(crate) cache: Option<CacheOptions>,
+    /// The light of the newest picture: with it, the cache of a scene is shown at once.
+    pub(crate) light: NewestLight,
 }
 
 /// A scene on the device.
 pub struct UploadedScene {
+    device: wgpu::Device,
     pub(crate) buffers: SceneBuffers,
     pub(crate) boxes: Vec<Option<Corners>>,
     /// Hulls of static virtual casters and of phantoms.
     pub(crate) hulls: [CasterHull; 2],
+    pub(crate) cache: Option<SurfaceCache>,
 }
 
 impl SceneUploader {
@@ -27,14 +39,41 @@ impl SceneUploader {
     #[must_use]
     pub fn upload(&self, scene: &Scene, casters: &[Part]) -> UploadedScene {
         let Gpu { device, queue, .. } = &self.gpu;
-        let buffers = SceneBuffers::upload(device, queue, &self.layouts, scene, casters);
+        let cache = self.cache.as_ref();
+        let cache = cache.map(|options| self.lit_cache(scene, casters, options));
+        let layouts = &self.layouts;
+        let buffers = SceneBuffers::upload(device, queue, layouts, scene, casters, cache.as_ref());
         let details = buffers.virtual_parts.iter().map(|part| &part.details);
         let boxes = details.map(|d| d.corners().copied()).collect();
         let casters = [&buffers.virtual_casters, &buffers.phantom_casters];
         UploadedScene {
+            device: device.clone(),
             hulls: casters.map(|c| CasterHull::around(&c.positions)),
             boxes,
             buffers,
+            cache,
         }
+    }
+}
+
+impl SceneUploader {
+    fn lit_cache(&self, scene: &Scene, casters: &[Part], options: &CacheOptions) -> SurfaceCache {
+        let mut cache = SurfaceCache::new(scene, casters, options);
+        let newest = self.light.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(light) = newest.clone() {
+            drop(newest);
+            let light = light.light();
+            let all: Vec<usize> = (0..light.lights.len()).collect();
+            cache.update(&light, &all);
+        }
+        cache
+    }
+}
+
+impl UploadedScene {
+    /// Returns whether the scene is on the device of `gpu`, not on one that was lost.
+    #[must_use]
+    pub fn is_on(&self, gpu: &Gpu) -> bool {
+        self.device == gpu.device
     }
 }

@@ -7,13 +7,20 @@ pub struct CompositorSettings {
     pub light_budget: u32,
     /// Texels a side of a shadow map.
     pub shadow_map_size: u32,
-    /// Picture pixels per texel of the shadow buffer, each way: a power of two.
-    pub shadow_step: u32,
     /// Samples a pixel at the edges of virtual objects: 1 or 4.
     pub samples: u32,
     /// Look-ups of a shadow map per light and point, distributed over the extent of the light;
     /// 1 = hard shadows, the cheapest.
     pub soft_samples: u32,
+    /// Whether the light of the dome is kept on surfaces, for drivers that run on the processor.
+    pub cached: bool,
+    /// Maximum number of pages of 16×16 texels on which light is kept.
+    pub cache_pages: usize,
+    /// Whether kept light is renewed in the background: pictures never wait for it, but they are
+    /// not reproducible.
+    pub cache_in_background: bool,
+    /// Whether a picture by shadowing planes waits for the images of compact sources that have moved.
+    pub waits_for_sources: bool,
 }
 
 /// Number of lights above which shadow maps are smaller: more lights share the work of drawing the
@@ -27,9 +34,22 @@ impl CompositorSettings {
         Self {
             light_budget: 64,
             shadow_map_size: 512,
-            shadow_step: if software { 4 } else { 1 },
             samples: 4,
             soft_samples: if software { 1 } else { 8 },
+            cached: software,
+            cache_pages: 1500,
+            cache_in_background: false,
+            waits_for_sources: false,
+        }
+    }
+
+    /// The settings of the best picture, which takes the time that it needs.
+    #[must_use]
+    pub const fn best() -> Self {
+        Self {
+            soft_samples: 4,
+            waits_for_sources: true,
+            ..Self::for_adapter(false)
         }
     }
 

@@ -1,6 +1,7 @@
 //! The text of shaders: the file of a pass after the library files that it uses.
 
 use super::lamp_maps::MAX_VIEWS;
+use super::look::{CELL, MAX_TAPS, grain};
 use super::planes::options::MAX_SOURCES;
 use super::response_table::ENCODING;
 use penumbra_lighting::light::MAX_COMPACT_SOURCES;
@@ -27,8 +28,13 @@ const HIGHLIGHTS: &str = include_str!("shaders/lib/highlights.wgsl");
 const EDGES: &str = include_str!("shaders/lib/edges.wgsl");
 const BACKGROUND: &str = include_str!("shaders/lib/background.wgsl");
 const MARKS: &str = include_str!("shaders/lib/marks.wgsl");
+const TABLE_BY_NORMAL: &str = include_str!("shaders/lib/by_normal.wgsl");
+const SURFACE_CACHE: &str = include_str!("shaders/lib/surface_cache.wgsl");
 const IRRADIANCE: &str = include_str!("shaders/lib/irradiance.wgsl");
 const PLANES: &str = include_str!("shaders/lib/planes.wgsl");
+const LOOK: &str = include_str!("shaders/lib/look.wgsl");
+const LOOK_REAL: &str = include_str!("shaders/lib/look_real.wgsl");
+const LOOK_SPREAD: &str = include_str!("shaders/lib/look_spread.wgsl");
 const VISIBILITY: &str = include_str!("shaders/lib/visibility.wgsl");
 
 /// Maximum number of dome lights: as many as fit into a uniform buffer of 64 KiB.
@@ -48,9 +54,8 @@ pub struct Variant {
     pub areas: bool,
     /// Whether a material has Phong's lobe.
     pub phong: bool,
-    /// Whether the shadow buffer has the resolution of the picture: edges of the real scene are
-    /// examined pixel by pixel.
-    pub fine: bool,
+    /// Whether light is read from the surface cache.
+    pub cached: bool,
     /// Whether the real picture is linear and in another exposure than the camera's.
     pub exposed: bool,
     /// Whether the camera has a rolling shutter.
@@ -67,7 +72,7 @@ impl Variant {
         lamps: false,
         areas: false,
         phong: false,
-        fine: true,
+        cached: false,
         exposed: false,
         rolling_shutter: false,
         vignetting: false,
@@ -75,7 +80,7 @@ impl Variant {
 }
 
 /// The shaders of a frame: name, and the parts of their text in order.
-const FRAME_SHADERS: [(&str, &[&str]); 14] = [
+const FRAME_SHADERS: [(&str, &[&str]); 17] = [
     (
         "shadow_map",
         &[FRAME, include_str!("shaders/shadow_map.wgsl")],
@@ -83,7 +88,13 @@ const FRAME_SHADERS: [(&str, &[&str]); 14] = [
     ("lamp_map", &[include_str!("shaders/lamp_map.wgsl")]),
     (
         "phantom_geometry",
-        &[FRAME, NORMAL, include_str!("shaders/phantom_geometry.wgsl")],
+        &[
+            FRAME,
+            NORMAL,
+            TABLE_BY_NORMAL,
+            SURFACE_CACHE,
+            include_str!("shaders/phantom_geometry.wgsl"),
+        ],
     ),
     (
         "virtual_geometry",
@@ -91,6 +102,8 @@ const FRAME_SHADERS: [(&str, &[&str]); 14] = [
             FRAME,
             NORMAL,
             SURFACE,
+            TABLE_BY_NORMAL,
+            SURFACE_CACHE,
             include_str!("shaders/virtual_geometry.wgsl"),
         ],
     ),
@@ -106,6 +119,7 @@ const FRAME_SHADERS: [(&str, &[&str]); 14] = [
             LIGHT_TEXEL,
             EDGES,
             MARKS,
+            TABLE_BY_NORMAL,
             IRRADIANCE,
             VISIBILITY,
             LAMPS,
@@ -126,12 +140,54 @@ const FRAME_SHADERS: [(&str, &[&str]); 14] = [
             LIGHT_TEXEL,
             EDGES,
             MARKS,
+            TABLE_BY_NORMAL,
             IRRADIANCE,
             LAMPS,
             LAMP_RESPONSE,
             AREA_LAMPS,
             PLANES,
             include_str!("shaders/planes_shadow.wgsl"),
+        ],
+    ),
+    (
+        "planes_surface",
+        &[
+            FRAME,
+            NORMAL,
+            TABLE_BY_NORMAL,
+            IRRADIANCE,
+            include_str!("shaders/planes_surface.wgsl"),
+        ],
+    ),
+    (
+        "cached_shadow",
+        &[
+            FRAME,
+            NORMAL,
+            FULLSCREEN,
+            TILES,
+            SURFACE,
+            SAMPLES,
+            LIGHT_TEXEL,
+            EDGES,
+            MARKS,
+            TABLE_BY_NORMAL,
+            SURFACE_CACHE,
+            IRRADIANCE,
+            LAMPS,
+            LAMP_RESPONSE,
+            AREA_LAMPS,
+            include_str!("shaders/cached_shadow.wgsl"),
+        ],
+    ),
+    (
+        "edge_tiles",
+        &[
+            FRAME,
+            FULLSCREEN,
+            TILES,
+            EDGES,
+            include_str!("shaders/edge_tiles.wgsl"),
         ],
     ),
     (
@@ -178,6 +234,8 @@ const FRAME_SHADERS: [(&str, &[&str]); 14] = [
             SURFACE,
             SAMPLES,
             LIGHT_TEXEL,
+            TABLE_BY_NORMAL,
+            SURFACE_CACHE,
             CODES,
             EXPOSED,
             ADDED_LIGHT,
@@ -215,7 +273,7 @@ const FRAME_SHADERS: [(&str, &[&str]); 14] = [
 
 /// The text of every shader of a frame for `variant`, by name.
 #[must_use]
-pub fn all(variant: Variant) -> [(&'static str, String); 14] {
+pub fn all(variant: Variant) -> [(&'static str, String); 17] {
     FRAME_SHADERS.map(|(name, parts)| (name, for_variant(join(parts), variant)))
 }
 
@@ -241,7 +299,7 @@ fn for_variant(text: String, variant: Variant) -> String {
         ("texture_2d<u32>", "texture_depth_2d")
     };
     let flags = [
-        ("FINE", variant.fine),
+        ("CACHED", variant.cached),
         ("LAMPED", variant.lamps),
         ("AREAS", variant.areas),
         ("PHONG", variant.phong),
@@ -249,7 +307,7 @@ fn for_variant(text: String, variant: Variant) -> String {
         ("ROLLING", variant.rolling_shutter),
         ("VIGNETTING", variant.vignetting),
     ];
-    let text = text
+    let text = only_cached(&text, variant.cached)
         .replace("VIRTUAL_TEXTURE", colour)
         .replace("VIRTUAL_DEPTH", depth)
         .replace("SAMPLES", &variant.samples.to_string())
@@ -257,6 +315,19 @@ fn for_variant(text: String, variant: Variant) -> String {
     flags.iter().fold(text, |text, (name, set)| {
         text.replace(name, if *set { "true" } else { "false" })
     })
+}
+
+/// Keeps lines that begin with `IF_CACHED`, without that word, or drops them: structures cannot
+/// depend on a constant.
+fn only_cached(text: &str, cached: bool) -> String {
+    let lines = text.lines().filter_map(|line| {
+        let rest = line.trim_start().strip_prefix("IF_CACHED ");
+        match rest {
+            Some(rest) => cached.then_some(rest),
+            None => Some(line),
+        }
+    });
+    lines.collect::<Vec<_>>().join("\n")
 }
 
 /// The shaders that change the exposure; `constants` are shared with the CPU.
@@ -284,6 +355,88 @@ pub fn exposing(constants: &str) -> [(&'static str, String); 3] {
             text(&[include_str!("shaders/exposure_meter.wgsl")]),
         ),
     ]
+}
+
+/// The properties for which the passes of the camera's look are compiled.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct LookVariant {
+    /// Samples a pixel of virtual surfaces.
+    pub samples: u32,
+    /// Whether the finished picture has the distortion of a lens.
+    pub distorted: bool,
+    /// Whether it is in another exposure than the camera's.
+    pub exposed: bool,
+    /// Whether points are spread over neighbouring pixels.
+    pub spread: bool,
+    /// Whether noise is added.
+    pub grain: bool,
+    /// Samples of a blur.
+    pub taps: usize,
+}
+
+/// The shaders of the camera's look.
+#[must_use]
+pub fn look(variant: LookVariant) -> [(&'static str, String); 5] {
+    let parts: [(&str, &[&str]); 5] = [
+        (
+            "look_tiles",
+            &[FULLSCREEN, include_str!("shaders/look_tiles.wgsl")],
+        ),
+        (
+            "look_layers",
+            &[
+                LOOK,
+                NORMAL,
+                SURFACE,
+                CODES,
+                LOOK_REAL,
+                include_str!("shaders/look_layers.wgsl"),
+            ],
+        ),
+        ("look_blur", &[LOOK, include_str!("shaders/look_blur.wgsl")]),
+        (
+            "look_spread",
+            &[LOOK, LOOK_SPREAD, include_str!("shaders/look_spread.wgsl")],
+        ),
+        (
+            "look_finish",
+            &[
+                LOOK,
+                CODES,
+                LOOK_REAL,
+                LOOK_SPREAD,
+                include_str!("shaders/look_finish.wgsl"),
+            ],
+        ),
+    ];
+    parts.map(|(name, parts)| (name, for_look(join(parts), variant)))
+}
+
+fn for_look(text: String, variant: LookVariant) -> String {
+    let numbers = [
+        ("GRAIN_SIDE", format!("{}u", grain::SIDE)),
+        ("GRAIN_SIGMAS", format!("{:.1}", grain::MAX_SIGMAS)),
+        ("MAX_TAPS", MAX_TAPS.to_string()),
+        ("TAPS", variant.taps.to_string()),
+        ("CELL", CELL.to_string()),
+        ("DISTORTED", variant.distorted.to_string()),
+        ("SPREAD", variant.spread.to_string()),
+        ("GRAIN", variant.grain.to_string()),
+    ];
+    let text = numbers
+        .iter()
+        .fold(text, |text, (name, value)| text.replace(name, value));
+    let frame = Variant {
+        samples: variant.samples,
+        exposed: variant.exposed,
+        ..Variant::PLAIN
+    };
+    for_variant(text, frame)
+}
+
+/// The module of the camera's look named `name`.
+pub fn look_module(device: &wgpu::Device, name: &str, variant: LookVariant) -> wgpu::ShaderModule {
+    compiled(device, name, look(variant))
 }
 
 /// The shaders that bake basis images of `resolution²` texels.
@@ -406,14 +559,14 @@ mod tests {
 
     #[test]
     fn every_shader_is_valid_wgsl() {
-        for (samples, soft, lamps) in [(1, 1, false), (4, 1, true), (4, 8, true)] {
+        for (samples, soft, lamps) in [(1, 1, false), (4, 1, true), (4, 8, true), (4, 2, false)] {
             let frame = super::all(super::Variant {
                 samples,
                 soft,
                 lamps,
                 areas: soft > 1,
                 phong: samples > 1,
-                fine: soft > 1,
+                cached: soft <= 2 && samples > 1,
                 exposed: lamps,
                 rolling_shutter: samples > 1,
                 vignetting: samples > 1,
@@ -432,7 +585,15 @@ mod tests {
                 .chain([super::planning(), super::lighting()]);
             let exposing = super::exposing(&crate::exposure::region::constants());
             let all = frame.into_iter().chain(super::baking(128)).chain(planes);
-            let all = all.chain(exposing);
+            let look = super::look(super::LookVariant {
+                samples,
+                distorted: lamps,
+                exposed: soft > 1,
+                spread: lamps,
+                grain: lamps,
+                taps: 8,
+            });
+            let all = all.chain(exposing).chain(look);
             for (name, text) in all {
                 let module = naga::front::wgsl::parse_str(&text)
                     .unwrap_or_else(|e| panic!("{name}: {}", e.emit_to_string(&text)));

@@ -36,6 +36,9 @@ pub struct ShadowSlots {
     both: CasterHull,
     casters: u64,
     next_forced: usize,
+    /// Angle by which a light may turn before its shadow is renewed, as a share of its angular
+    /// radius.
+    tolerance: f32,
 }
 
 impl LightUniform {
@@ -61,6 +64,16 @@ pub enum Refresh {
 }
 
 impl ShadowSlots {
+    /// No maps, with the angle by which a light may turn before its shadow is renewed, as a share
+    /// of its angular radius.
+    #[must_use]
+    pub fn with_tolerance(tolerance: f32) -> Self {
+        Self {
+            tolerance,
+            ..Self::default()
+        }
+    }
+
     /// Sets new casters: every map is out of date.
     pub fn set_casters(&mut self, virtual_hull: CasterHull, phantom_hull: CasterHull) {
         self.both = virtual_hull.joined(&phantom_hull);
@@ -131,6 +144,8 @@ impl ShadowSlots {
                 return f32::INFINITY;
             }
             let turned = slot.direction.distance(light.direction);
+            let is_turned = turned > self.tolerance * light.angular_radius;
+            let turned = if is_turned { turned } else { 0.0 };
             // Urgency grows with age: where casters move in every frame, every map gets its
             // turn.
             let moved = (self.casters - slot.casters) as f32;

@@ -6,6 +6,7 @@ use super::passes::shadow_buffer::ShadowPictures;
 use super::passes::surroundings::SurroundingsPictures;
 use super::passes::tiles::TilePictures;
 use super::passes::virtual_geometry::VirtualPictures;
+use super::shaders::Variant;
 use super::textures::{DRAWN, FrameTexture, format, tile_grid};
 use wgpu::TextureUsages as U;
 
@@ -13,6 +14,8 @@ use wgpu::TextureUsages as U;
 pub struct SizedResources {
     /// Width and height, pixels.
     pub size: (u32, u32),
+    /// Whether they have places in the surface cache.
+    pub cached: bool,
     /// The camera picture, undistorted.
     pub camera: FrameTexture,
     /// The camera picture in another exposure; allocated when that is first needed.
@@ -23,6 +26,8 @@ pub struct SizedResources {
     pub covered_tiles: FrameTexture,
     pub tiles: TilePictures,
     pub shadows: ShadowPictures,
+    /// Upper and lower halves of tiles in which edges of the real scene matter.
+    pub edge_tiles: FrameTexture,
     /// Linear light that virtual lights add to the real picture, where it is not a part of the
     /// shadow buffer.
     pub lamp_light: FrameTexture,
@@ -34,28 +39,26 @@ pub struct SizedResources {
 }
 
 impl SizedResources {
-    /// Allocates textures for pictures of `size` with `samples` samples a pixel and `shadow_step`
-    /// pixels per texel of the shadow buffer, each way.
-    pub fn new(device: &wgpu::Device, size: (u32, u32), samples: u32, shadow_step: u32) -> Self {
+    /// Allocates textures for pictures of `size` for a `variant` of the shaders.
+    pub fn new(device: &wgpu::Device, size: (u32, u32), variant: Variant) -> Self {
         let picture = |label, format, usage| FrameTexture::new(device, label, size, format, usage);
         let copied = DRAWN | U::COPY_SRC | U::COPY_DST;
         let uploaded = U::COPY_DST | U::TEXTURE_BINDING;
-        let covered = format::COVERED;
+        let (across, down) = tile_grid(size);
+        let grid = |label, down, usage| {
+            FrameTexture::new(device, label, (across, down), format::COVERED, usage)
+        };
         Self {
             size,
+            cached: variant.cached,
             camera: picture("camera", format::CAMERA, copied),
             exposed: None,
-            phantoms: PhantomPictures::new(device, size),
-            virtual_surfaces: VirtualPictures::new(device, size, samples),
-            covered_tiles: FrameTexture::new(
-                device,
-                "covered tiles",
-                tile_grid(size),
-                covered,
-                uploaded,
-            ),
+            phantoms: PhantomPictures::new(device, size, variant.cached),
+            virtual_surfaces: VirtualPictures::new(device, size, variant.samples, variant.cached),
+            covered_tiles: grid("covered tiles", down, uploaded),
+            edge_tiles: grid("edge tiles", 2 * down, DRAWN),
             tiles: TilePictures::new(device, size),
-            shadows: ShadowPictures::new(device, size, shadow_step),
+            shadows: ShadowPictures::new(device, size),
             lamp_light: picture("lamp response", format::LIGHT, DRAWN),
             surroundings: SurroundingsPictures::new(device, size),
             kinds: picture("kinds", format::DEPTH, U::RENDER_ATTACHMENT),
@@ -74,17 +77,14 @@ mod tests {
     fn textures_cover_pictures_of_any_size() {
         let gpu = Gpu::open(None).expect("a Vulkan driver; `make test` installs a software one");
         for (width, height) in [(1, 1), (16, 16), (101, 67), (640, 480)] {
-            for step in [1, 2] {
-                let pictures = SizedResources::new(&gpu.device, (width, height), 1, step);
-                let (across, down) = pictures.shadows.phantom_shadow.size();
-                assert!(across * step >= width && across * step < width + step);
-                assert!(down * step >= height && down * step < height + step);
-                let (across, down) = pictures.tiles.phantom.lights.size();
-                assert!(across * TILE >= width && down * TILE >= height);
-                assert_eq!(pictures.covered_tiles.size(), (across, down));
-                let levels = pictures.surroundings.all.texture.mip_level_count();
-                assert_eq!(pictures.surroundings.highest_level() + 1, levels);
-            }
+            let pictures = SizedResources::new(&gpu.device, (width, height), Variant::PLAIN);
+            let (across, down) = pictures.shadows.phantom_shadow.size();
+            assert_eq!((across, down), (width, height));
+            let (across, down) = pictures.tiles.phantom.lights.size();
+            assert!(across * TILE >= width && down * TILE >= height);
+            assert_eq!(pictures.covered_tiles.size(), (across, down));
+            let levels = pictures.surroundings.all.texture.mip_level_count();
+            assert_eq!(pictures.surroundings.highest_level() + 1, levels);
         }
     }
 }

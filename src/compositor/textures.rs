@@ -15,6 +15,8 @@ pub mod format {
     pub const LAMP_TILES: F = F::R32Uint;
     pub const LIGHT_TEXEL: F = F::Rgba32Uint;
     pub const COVERED: F = F::R8Uint;
+    pub const PLACE: F = F::Rg16Uint;
+    pub const PAGE_TABLE: F = F::R32Uint;
 }
 
 /// Side of a tile, picture pixels.

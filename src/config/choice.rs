@@ -110,7 +110,7 @@ pub enum Technique {
     ImageBasedLighting,
 }
 
-/// Resolution of the shadow buffer.
+/// Quality of the composed picture.
 #[derive(
     Clone,
     Copy,
@@ -123,17 +123,12 @@ pub enum Technique {
     serde::Serialize,
 )]
 #[serde(rename_all = "kebab-case")]
-pub enum ShadowResolution {
-    /// `"auto"`: full on a GPU; on a software adapter a quarter, and full in a replay at
-    /// full speed.
+pub enum Quality {
+    /// `"live"`: the picture that a running rig shows on this adapter.
     #[default]
-    Auto,
-    /// `"full"`: that of the picture.
-    Full,
-    /// `"half"`: half of it, with edge-aware upsampling.
-    Half,
-    /// `"quarter"`: a quarter of it, with edge-aware upsampling.
-    Quarter,
+    Live,
+    /// `"best"`: every picture takes the time that it needs.
+    Best,
 }
 
 /// Antialiasing of virtual objects.

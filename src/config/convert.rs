@@ -3,6 +3,7 @@
 use super::devices;
 use super::exposure::exposure;
 use super::file::{self, ConfigFile};
+use super::look::look;
 use super::planes::planes;
 use super::range::{Result, millis, power_of_two, set, within};
 use super::registration::registration;
@@ -56,7 +57,9 @@ fn convert(file: ConfigFile, folder: &Path) -> Result<Config> {
     );
     planes(file.planes, folder, &mut config.planes)?;
     exposure(&file.exposure, &mut config.exposure)?;
+    set(&mut config.picture.quality, file.picture.quality);
     set(&mut config.picture.antialias, file.picture.antialias);
+    look(&file.look, &mut config.look)?;
     sync(&file.sync, &mut config.sync)?;
     set(&mut config.input.yuv_matrix, file.input.yuv_matrix);
     set(&mut config.input.yuv_range, file.input.yuv_range);
@@ -159,7 +162,6 @@ fn shadows(file: &file::Shadows, out: &mut ShadowConfig) -> Result<()> {
     );
     set(&mut out.refresh_per_frame, file.refresh_per_frame);
     set(&mut out.soft, file.soft);
-    set(&mut out.resolution, file.resolution);
     Ok(())
 }
 

@@ -1,14 +1,15 @@
 //! The sections of the configuration file; every key is optional. `config/rig.toml` documents them.
 
 use super::choice::{
-    Antialias, Clipped, FollowLatency, Monitor, Refresh, ReplayPairing, ReplaySpeed,
-    ShadowResolution, Technique, ToneCurve, Unseen,
+    Antialias, Clipped, FollowLatency, Monitor, Quality, Refresh, ReplayPairing, ReplaySpeed,
+    Technique, ToneCurve, Unseen,
 };
 use super::devices::{
     CalibrationFile, CameraFile, ControlChange, ControlValue, FormatName, RecordingFile,
     TrackerFile,
 };
 use super::exposure::ExposureFile;
+use super::look::LookFile;
 use super::planes::PlanesFile;
 use super::registration::RegistrationFile;
 use penumbra_lighting::{Filtering, IrradianceMethod, LightPlacement};
@@ -36,6 +37,7 @@ pub(super) struct ConfigFile {
     pub planes: PlanesFile,
     pub exposure: ExposureFile,
     pub picture: Picture,
+    pub look: LookFile,
     pub sync: Sync,
     pub input: Input,
     pub output: Output,
@@ -117,7 +119,6 @@ pub(super) struct Shadows {
     pub map_size: Option<u32>,
     pub refresh_per_frame: Option<Refresh>,
     pub soft: Option<bool>,
-    pub resolution: Option<ShadowResolution>,
 }
 
 #[derive(Debug, Default, Deserialize)]
@@ -131,6 +132,7 @@ pub(super) struct Shading {
 #[derive(Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub(super) struct Picture {
+    pub quality: Option<Quality>,
     pub antialias: Option<Antialias>,
 }
 

@@ -8,6 +8,7 @@ mod devices;
 mod error;
 mod exposure;
 mod file;
+mod look;
 mod planes;
 mod range;
 mod registration;
@@ -15,8 +16,8 @@ mod renamed;
 pub mod token;
 
 pub use choice::{
-    Antialias, Clipped, FollowLatency, Monitor, Refresh, ReplayPairing, ReplaySpeed,
-    ShadowResolution, Technique, ToneCurve, Unseen,
+    Antialias, Clipped, FollowLatency, Monitor, Quality, Refresh, ReplayPairing, ReplaySpeed,
+    Technique, ToneCurve, Unseen,
 };
 pub use convert::{LIGHT_COUNTS, listen_needs_token};
 pub use device_source::{CameraSource, REPLAY_PREFIX, TrackerSource, replay_name};
@@ -29,6 +30,7 @@ pub use exposure::{
     ADAPTATION_SECONDS, EXPOSURE_KEYS, EXPOSURE_STOPS, ExposureChoice, ExposureConfig,
     ExposureMode, MAX_EV_STOPS, MIN_EV_STOPS,
 };
+pub use look::LookConfig;
 pub use penumbra_lighting::{Filtering, IrradianceMethod, LightPlacement};
 pub use penumbra_picture::{YuvEncoding, YuvMatrix, YuvRange};
 use penumbra_rig_model::EnvironmentSource;
@@ -77,6 +79,8 @@ pub struct Config {
     pub exposure: ExposureConfig,
     /// Rendering of the picture.
     pub picture: PictureConfig,
+    /// The camera's look on virtual objects.
+    pub look: LookConfig,
     /// Latencies, smoothing and prediction.
     pub sync: SyncConfig,
     /// Encoding of camera pictures.
@@ -151,8 +155,6 @@ pub struct ShadowConfig {
     pub refresh_per_frame: Refresh,
     /// Whether compact sources cast soft shadows by their angular extent.
     pub soft: bool,
-    /// Resolution of the shadow buffer.
-    pub resolution: ShadowResolution,
 }
 
 /// `[shading]`
@@ -179,6 +181,8 @@ impl Default for ShadingConfig {
 /// `[picture]`
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct PictureConfig {
+    /// Whether pictures keep up with the cameras or take the time for the best result.
+    pub quality: Quality,
     /// Antialiasing of virtual objects.
     pub antialias: Antialias,
 }
@@ -337,7 +341,6 @@ impl Default for ShadowConfig {
             map_size: 512,
             refresh_per_frame: Refresh::All,
             soft: true,
-            resolution: ShadowResolution::Auto,
         }
     }
 }

@@ -4,7 +4,7 @@
 use penumbra_strict_toml::{Fault, TomlText};
 
 /// Old keys, section and name, and what to write instead.
-const KEYS: [(&str, &str, &str); 8] = [
+const KEYS: [(&str, &str, &str); 9] = [
     ("environment", "lights", "is now called `light_placement`"),
     ("recording", "longest_s", "is now called `max_duration_s`"),
     (
@@ -20,6 +20,11 @@ const KEYS: [(&str, &str, &str); 8] = [
         "shadows",
         "enabled",
         "is gone; `technique = \"image-based-lighting\"` casts no shadows",
+    ),
+    (
+        "shadows",
+        "resolution",
+        "is gone; `[picture] quality` is \"live\" or \"best\"",
     ),
 ];
 

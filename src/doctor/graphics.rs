@@ -1,7 +1,7 @@
 //! Checks the Vulkan driver, the adapters with the features and limits that Penumbra needs, and the
 //! shaders.
 
-use super::{Check, DoctorOptions, State};
+use super::{Check, DoctorOptions};
 use penumbra_camera::Response;
 use penumbra_compositor::{Compositor, CompositorSettings, Gpu, GpuError};
 use std::path::{Path, PathBuf};
@@ -9,54 +9,16 @@ use std::path::{Path, PathBuf};
 const INSTALL_SOFTWARE: &str =
     "sudo apt-get install -y --no-install-recommends libvulkan1 mesa-vulkan-drivers";
 
-/// A required limit of the adapter.
-struct Need {
-    what: &'static str,
-    min: u32,
-    of: fn(&wgpu::Limits) -> u32,
-}
-
-/// The shadow maps of all dome lights are one texture array; pictures may be 4K wide.
-const NEEDS: [Need; 5] = [
-    Need {
-        what: "texture side",
-        min: 4096,
-        of: |l| l.max_texture_dimension_2d,
-    },
-    Need {
-        what: "texture array layers",
-        min: 256,
-        of: |l| l.max_texture_array_layers,
-    },
-    Need {
-        what: "storage buffers a stage",
-        min: 4,
-        of: |l| l.max_storage_buffers_per_shader_stage,
-    },
-    Need {
-        what: "sampled textures a stage",
-        min: 16,
-        of: |l| l.max_sampled_textures_per_shader_stage,
-    },
-    Need {
-        what: "colour attachments",
-        min: 4,
-        of: |l| l.max_color_attachments,
-    },
-];
-
 pub(super) fn examine(options: &DoctorOptions) -> Vec<Check> {
     let mut checks = vec![drivers(&options.root)];
     match Gpu::open(options.adapter.as_deref()) {
         Ok(gpu) => {
             checks.push(adapter(&gpu, &options.root));
-            let limits = limits(&gpu.device.limits());
-            let fit = limits.state == State::Ok;
-            checks.extend([limits, timestamps(&gpu)]);
-            // Compiling beyond the limits would end in the driver's own error.
-            if fit {
-                checks.push(shaders(gpu));
+            if gpu.software {
+                checks.push(processor(&processor_extensions()));
             }
+            checks.extend([limits(&gpu.device.limits()), timestamps(&gpu)]);
+            checks.push(shaders(gpu));
         }
         Err(error) => checks.push(no_adapter(&error)),
     }
@@ -144,25 +106,58 @@ fn adapter(gpu: &Gpu, root: &Path) -> Check {
     )
 }
 
-fn limits(limits: &wgpu::Limits) -> Check {
-    let short: Vec<String> = NEEDS
-        .iter()
-        .filter(|need| (need.of)(limits) < need.min)
-        .map(|need| {
-            let has = (need.of)(limits);
-            format!("{} {has} of {}", need.what, need.min)
-        })
-        .collect();
-    if short.is_empty() {
-        let all = NEEDS.map(|need| format!("{} {}", need.what, (need.of)(limits)));
-        Check::ok("adapter limits", all.join(", "))
-    } else {
-        Check::fail(
-            "adapter limits",
-            format!("too small: {}", short.join(", ")),
-            "update the graphics driver, or choose another adapter with --adapter",
-        )
+/// The extensions for which the software driver compiles shaders, and whether the processor has
+/// them, those that matter most first.
+fn processor_extensions() -> Vec<(&'static str, bool)> {
+    #[cfg(target_arch = "x86_64")]
+    return vec![
+        ("F16C", is_x86_feature_detected!("f16c")),
+        ("AVX2", is_x86_feature_detected!("avx2")),
+        ("FMA", is_x86_feature_detected!("fma")),
+        ("AVX-512", is_x86_feature_detected!("avx512vl")),
+    ];
+    #[cfg(not(target_arch = "x86_64"))]
+    Vec::new()
+}
+
+fn processor(extensions: &[(&str, bool)]) -> Check {
+    let named = |wanted: bool| {
+        let names = extensions.iter().filter(|(_, has)| *has == wanted);
+        names.map(|(name, _)| *name).collect::<Vec<_>>().join(", ")
+    };
+    let threads = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
+    let found = format!("{threads} threads; has {}", named(true));
+    match named(false).as_str() {
+        "" => Check::ok("processor", found),
+        // Most processors lack it.
+        "AVX-512" => Check::ok(
+            "processor",
+            format!("{found}; with AVX-512 virtual objects would be drawn faster"),
+        ),
+        lacking => Check::warn(
+            "processor",
+            format!("{found}; lacks {lacking}, so the software driver is slow or cannot run"),
+            "in a virtual machine, pass on the host's processor (QEMU: -cpu host)",
+        ),
     }
+}
+
+/// Shows the limits of an adapter that has all required ones; [`Gpu::open`] refuses others.
+fn limits(limits: &wgpu::Limits) -> Check {
+    let wgpu::Limits {
+        max_texture_dimension_2d: side,
+        max_texture_array_layers: layers,
+        max_storage_buffers_per_shader_stage: buffers,
+        max_sampled_textures_per_shader_stage: textures,
+        ..
+    } = limits;
+    Check::ok(
+        "adapter limits",
+        format!(
+            "textures of {side}² texels and {layers} layers; {buffers} storage buffers and \
+             {textures} textures a stage"
+        ),
+    )
 }
 
 fn timestamps(gpu: &Gpu) -> Check {
@@ -205,6 +200,7 @@ fn first_words(text: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::doctor::State;
 
     #[test]
     fn finds_driver_manifests_in_both_folders() {
@@ -223,23 +219,25 @@ mod tests {
     }
 
     #[test]
+    fn names_what_the_processor_lacks() {
+        let with = |has: [bool; 4]| {
+            let names = ["F16C", "AVX2", "FMA", "AVX-512"];
+            processor(&std::array::from_fn::<_, 4, _>(|i| (names[i], has[i])))
+        };
+        assert_eq!(with([true; 4]).state, State::Ok);
+        let common = with([true, true, true, false]);
+        assert_eq!(common.state, State::Ok);
+        assert!(common.found.contains("has F16C, AVX2, FMA; with AVX-512"));
+        let old = with([false, false, true, false]);
+        assert_eq!(old.state, State::Warn);
+        assert!(old.found.contains("lacks F16C, AVX2, AVX-512"), "{old:?}");
+    }
+
+    #[test]
     fn fails_for_a_missing_named_driver() {
         let gone = named_drivers(vec![PathBuf::from("/no/such.json")]);
         assert_eq!(gone.state, State::Fail);
         let manifest = Path::new(env!("CARGO_MANIFEST_DIR")).join("Cargo.toml");
         assert_eq!(named_drivers(vec![manifest]).state, State::Ok);
-    }
-
-    #[test]
-    fn names_the_limit_that_an_adapter_does_not_meet() {
-        let enough = wgpu::Limits::default();
-        assert_eq!(limits(&enough).state, State::Ok);
-        let small = wgpu::Limits {
-            max_texture_array_layers: 128,
-            ..enough
-        };
-        let check = limits(&small);
-        assert_eq!(check.state, State::Fail);
-        assert!(check.found.contains("texture array layers 128 of 256"));
     }
 }

@@ -155,6 +155,11 @@ impl EnvironmentEstimator {
         Ok(estimator)
     }
 
+    /// Continues the generations of the estimator that it replaces: each names one light.
+    pub const fn follow(&mut self, before: &Self) {
+        self.generation = before.generation;
+    }
+
     /// Corrects the vignetting of the camera's pictures of `size`.
     pub fn set_vignetting(&mut self, vignetting: &Vignetting, size: (u32, u32)) {
         self.merger.set_corrections(vignetting.corrections(size));

@@ -9,9 +9,12 @@
 //! [`sources`] finds compact sources among the pixels; [`harmonics`] and [`prefilter`] compute
 //! irradiance and the radiance map; [`dome`] (the paper's grid) or [`adaptive`] place dome lights;
 //! [`geodesic`] assigns pixels to the dome faces of shadowing planes. [`EnvironmentEstimator`] runs
-//! all this for every frame.
+//! all this for every frame; [`average`] averages its results where the light does not change, and
+//! [`blend`] interpolates between two of them.
 
 pub mod adaptive;
+pub mod average;
+pub mod blend;
 pub mod box_chain;
 pub mod brightest;
 mod cells;
@@ -40,6 +43,7 @@ pub mod sources;
 mod stages;
 mod tracking;
 
+pub use blend::Blender;
 pub use brightest::{BrightestFollower, BrightestLight};
 pub use circle::sphere_outline;
 pub use estimator::EnvironmentEstimator;

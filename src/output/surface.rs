@@ -1,6 +1,6 @@
 //! Presents the finished picture on a window's surface.
 
-use crate::Screen;
+use crate::{OutputError, Screen};
 use penumbra_compositor::{Compositor, Gpu, PresentPass};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
@@ -36,6 +36,7 @@ pub(super) struct SurfaceScreen {
     surface: wgpu::Surface<'static>,
     window: Arc<Window>,
     state: Arc<WindowState>,
+    device: wgpu::Device,
     pass: PresentPass,
     format: TextureFormat,
     mode: PresentMode,
@@ -44,29 +45,43 @@ pub(super) struct SurfaceScreen {
 }
 
 impl SurfaceScreen {
+    /// Creates a screen on a surface of `window`.
+    ///
+    /// # Errors
+    /// The window has no format that can be presented.
     pub fn new(
         gpu: &Gpu,
         surface: wgpu::Surface<'static>,
         window: Arc<Window>,
         state: Arc<WindowState>,
-    ) -> Self {
+    ) -> Result<Self, OutputError> {
         let capabilities = surface.get_capabilities(&gpu.adapter);
-        let format = format_without_srgb(&capabilities.formats);
-        // Mailbox does not tear and does not wait for the monitor, whose rate differs from the camera's.
-        let mailbox = capabilities.present_modes.contains(&PresentMode::Mailbox);
-        Self {
+        let (format, mode) = format_and_mode(&capabilities).ok_or_else(|| OutputError::Window {
+            reason: format!("no usable format among {:?}", capabilities.formats),
+        })?;
+        Ok(Self {
+            device: gpu.device.clone(),
             pass: PresentPass::new(&gpu.device, format),
-            mode: if mailbox {
-                PresentMode::Mailbox
-            } else {
-                PresentMode::Fifo
-            },
+            mode,
             surface,
             window,
             state,
             format,
             configured: None,
+        })
+    }
+
+    /// Presents from now on with the device that replaced a lost one, on a new surface, because the
+    /// old one still has images of the lost device.
+    fn follow(&mut self, gpu: &Gpu) {
+        self.renew(gpu);
+        self.device = gpu.device.clone();
+        // Without a format nothing is presented; see `fit`.
+        let found = format_and_mode(&self.surface.get_capabilities(&gpu.adapter));
+        if let Some((format, mode)) = found {
+            (self.format, self.mode) = (format, mode);
         }
+        self.pass = PresentPass::new(&gpu.device, self.format);
     }
 
     /// Configures the surface for the window's size. Returns false while the window has no size.
@@ -164,6 +179,9 @@ impl Screen for SurfaceScreen {
         if self.state.closed.load(Ordering::Relaxed) {
             return false;
         }
+        if self.device != compositor.gpu().device {
+            self.follow(compositor.gpu());
+        }
         if self.fit(compositor.gpu())
             && let Some(texture) = self.acquire(compositor.gpu())
         {
@@ -173,29 +191,67 @@ impl Screen for SurfaceScreen {
     }
 }
 
-/// Returns a format without sRGB encoding if there is one, because the picture is already encoded.
-fn format_without_srgb(formats: &[TextureFormat]) -> TextureFormat {
-    let eight_bit = [TextureFormat::Bgra8Unorm, TextureFormat::Rgba8Unorm];
-    let preferred = formats.iter().find(|f| eight_bit.contains(f));
-    let first = preferred.or_else(|| formats.iter().find(|f| !f.is_srgb()));
-    *first
-        .or(formats.first())
-        .unwrap_or(&TextureFormat::Bgra8Unorm)
+/// Chooses format and mode; `None` if the window has no format that can be presented. Mailbox does not tear and does not wait for the monitor, whose rate
+/// differs from the camera's.
+fn format_and_mode(
+    capabilities: &wgpu::SurfaceCapabilities,
+) -> Option<(TextureFormat, PresentMode)> {
+    let mailbox = capabilities.present_modes.contains(&PresentMode::Mailbox);
+    let mode = if mailbox {
+        PresentMode::Mailbox
+    } else {
+        PresentMode::Fifo
+    };
+    Some((format_of(&capabilities.formats)?, mode))
+}
+
+/// The formats in which pictures are presented, the preferred ones first: the picture is already
+/// encoded, and one with sRGB encoding is decoded for it. Others (half floats) would need another
+/// colour space.
+const FORMATS: [TextureFormat; 6] = [
+    TextureFormat::Bgra8Unorm,
+    TextureFormat::Rgba8Unorm,
+    TextureFormat::Bgra8UnormSrgb,
+    TextureFormat::Rgba8UnormSrgb,
+    TextureFormat::Rgb10a2Unorm,
+    TextureFormat::Rgba16Unorm,
+];
+
+/// Chooses the format; `None` if the window has none of those that can be presented.
+fn format_of(formats: &[TextureFormat]) -> Option<TextureFormat> {
+    FORMATS.into_iter().find(|f| formats.contains(f))
 }
 
 #[cfg(test)]
 mod tests {
-    use super::{WindowState, format_without_srgb};
-    use wgpu::TextureFormat::{Bgra8Unorm, Bgra8UnormSrgb, Rgba16Float};
+    use super::{WindowState, format_and_mode, format_of};
+    use wgpu::PresentMode::{Fifo, Mailbox};
+    use wgpu::TextureFormat::{Bgra8Unorm, Bgra8UnormSrgb, Rgb10a2Unorm, Rgba16Float};
 
     #[test]
     fn prefers_formats_without_srgb_encoding() {
-        assert_eq!(
-            format_without_srgb(&[Bgra8UnormSrgb, Rgba16Float, Bgra8Unorm]),
-            Bgra8Unorm
-        );
-        assert_eq!(format_without_srgb(&[Bgra8UnormSrgb]), Bgra8UnormSrgb);
-        assert_eq!(format_without_srgb(&[]), Bgra8Unorm);
+        let all = [Bgra8UnormSrgb, Rgba16Float, Bgra8Unorm];
+        assert_eq!(format_of(&all), Some(Bgra8Unorm));
+        assert_eq!(format_of(&all[..2]), Some(Bgra8UnormSrgb));
+        assert_eq!(format_of(&[Rgba16Float, Rgb10a2Unorm]), Some(Rgb10a2Unorm));
+    }
+
+    #[test]
+    fn window_without_usable_format_is_refused() {
+        assert_eq!(format_of(&[Rgba16Float]), None);
+        assert_eq!(format_of(&[]), None);
+    }
+
+    #[test]
+    fn presents_in_step_with_the_monitor_without_mailbox() {
+        let mut offered = wgpu::SurfaceCapabilities {
+            formats: vec![Bgra8Unorm],
+            present_modes: vec![Fifo],
+            ..wgpu::SurfaceCapabilities::default()
+        };
+        assert_eq!(format_and_mode(&offered), Some((Bgra8Unorm, Fifo)));
+        offered.present_modes.push(Mailbox);
+        assert_eq!(format_and_mode(&offered), Some((Bgra8Unorm, Mailbox)));
     }
 
     #[test]

@@ -183,7 +183,7 @@ impl<R: Send + 'static> App<R> {
         let gpu = Gpu::open_for(instance, &surface, self.options.adapter.as_deref())?;
         let size = window.inner_size();
         self.state.set_size((size.width, size.height));
-        let screen = SurfaceScreen::new(&gpu, surface, window.clone(), self.state.clone());
+        let screen = SurfaceScreen::new(&gpu, surface, window.clone(), self.state.clone())?;
         self.window = Some(window);
         let done = self.done.clone();
         let frames = move || {

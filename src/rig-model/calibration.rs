@@ -4,7 +4,7 @@ use crate::tracker_field::TrackerField;
 use glam::DVec3;
 use penumbra_camera::EnvironmentView;
 use penumbra_camera::Vignetting;
-use penumbra_camera::{PinholeCamera, Response};
+use penumbra_camera::{CameraNoise, PinholeCamera, PointSpread, Response};
 use penumbra_fiducials::Family;
 use penumbra_interface::{MonotonicTime, RigidTransform};
 use penumbra_white_balance::CalibratedGains;
@@ -39,6 +39,10 @@ pub struct SceneCamera {
     pub response: Response,
     /// How bright the picture is towards its edge; `None` for evenly bright.
     pub vignetting: Option<Vignetting>,
+    /// Noise; `None` if it was not measured.
+    pub noise: Option<CameraNoise>,
+    /// Sharpness; `None` if it was not measured.
+    pub spread: Option<PointSpread>,
     /// Time from the middle of the exposure to the driver's stamp, nanoseconds.
     pub latency_nanos: i64,
 }

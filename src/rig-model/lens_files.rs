@@ -21,12 +21,14 @@ pub fn apply_lens_files<'a>(
     attachments: &dyn Fn(&str) -> Option<&'a [u8]>,
 ) -> Result<(), CalibrationFileError> {
     if let Some(bytes) = attachments(SCENE_LENS) {
-        let (lens, _) = usable(SCENE_LENS, bytes)?;
-        let camera = &mut rig.calibration.scene_camera.camera;
+        let (lens, record) = usable(SCENE_LENS, bytes)?;
+        let scene_camera = &mut rig.calibration.scene_camera;
+        let camera = &mut scene_camera.camera;
         *camera = pinhole(SCENE_LENS, &lens, Some(camera))?;
+        scene_camera.spread = record.spread(SCENE_LENS)?;
     }
     if let Some(bytes) = attachments(ENVIRONMENT_LENS) {
-        let (lens, known) = usable(ENVIRONMENT_LENS, bytes)?;
+        let (lens, record) = usable(ENVIRONMENT_LENS, bytes)?;
         let Some(environment) = &mut rig.calibration.environment else {
             return Ok(());
         };
@@ -43,7 +45,9 @@ pub fn apply_lens_files<'a>(
                 fisheye.centre = lens.centre;
                 fisheye.distortion.copy_from_slice(&lens.coefficients[..4]);
                 // Beyond this angle the calibration is an extrapolation; rig.json may limit the angle further.
-                fisheye.max_theta = known.map_or(fisheye.max_theta, |k| k.min(fisheye.max_theta));
+                fisheye.max_theta = record
+                    .max_theta
+                    .map_or(fisheye.max_theta, |k| k.min(fisheye.max_theta));
             }
             EnvironmentView::Sphere { camera, .. } => {
                 *camera = pinhole(ENVIRONMENT_LENS, &lens, Some(camera))?;
@@ -65,8 +69,8 @@ pub(crate) fn size_of_lens<'a>(
     Ok(lens.transpose()?.map(|(lens, _)| (lens.width, lens.height)))
 }
 
-/// Reads a lens and the angle up to which it is known; rejects a refused calibration.
-fn usable(file: &str, bytes: &[u8]) -> Result<(Lens, Option<f64>), CalibrationFileError> {
+/// Reads a lens and its record; rejects a refused calibration.
+fn usable(file: &str, bytes: &[u8]) -> Result<(Lens, LensRecord), CalibrationFileError> {
     let record = LensRecord::parse(file, bytes)?;
     if record
         .quality
@@ -78,7 +82,7 @@ fn usable(file: &str, bytes: &[u8]) -> Result<(Lens, Option<f64>), CalibrationFi
             "was refused when it was made; calibrate again, or remove it",
         ));
     }
-    Ok((record.lens(file)?, record.max_theta))
+    Ok((record.lens(file)?, record))
 }
 
 fn pinhole(
@@ -148,6 +152,28 @@ mod tests {
         let rig = applied(&file(LensModel::Brown, (640, 480))).unwrap();
         let camera = &rig.calibration.scene_camera.camera;
         assert_eq!((camera.focal.x, camera.distortion[0]), (500.0, -0.2));
+    }
+
+    #[test]
+    fn sharpness_of_the_lens_file_is_that_of_the_camera() {
+        let with = |sharpness: &str| {
+            let bytes = String::from_utf8(file(LensModel::Brown, (640, 480))).unwrap();
+            let given = format!("\"sigma\":{{}},\"sharpness\":{sharpness}");
+            bytes.replacen("\"sigma\":{}", &given, 1).into_bytes()
+        };
+        let rig = applied(&with(
+            r#"{"across":[0.5,0.2,0.05],"down":[0.6,0.2,0.0],"mtf50":[0.3,0.35],"edges":90}"#,
+        ));
+        let spread = rig.unwrap().calibration.scene_camera.spread.unwrap();
+        assert_eq!(spread.across, [0.5, 0.2, 0.05]);
+        let plain = applied(&file(LensModel::Brown, (640, 480))).unwrap();
+        assert_eq!(plain.calibration.scene_camera.spread, None);
+        let wrong = r#"{"across":[0.5,0.9,0.05],"down":[1.0,0.0,0.0],"mtf50":[0,0],"edges":1}"#;
+        let error = applied(&with(wrong)).unwrap_err().to_string();
+        assert!(
+            error.starts_with(SCENE_LENS) && error.contains("`sharpness`"),
+            "{error}"
+        );
     }
 
     #[test]

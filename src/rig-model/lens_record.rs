@@ -6,7 +6,7 @@
 use crate::CalibrationFileError;
 use crate::DeviceRecord;
 use glam::DVec2;
-use penumbra_camera::{Lens, LensModel};
+use penumbra_camera::{Lens, LensModel, PointSpread};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
@@ -53,9 +53,27 @@ pub struct LensRecord {
     /// Standard deviations of fx, fy, cx, cy and the coefficients by name.
     #[serde(default)]
     pub sigma: BTreeMap<String, f64>,
+    /// Sharpness of the pictures.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub sharpness: Option<SharpnessRecord>,
     /// Quality of the calibration.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub quality: Option<QualityRecord>,
+}
+
+/// Sharpness of a camera's pictures: the spread of a pixel by lens, demosaicing and sharpening.
+#[derive(Clone, Debug, PartialEq, Deserialize, Serialize)]
+pub struct SharpnessRecord {
+    /// Weights of a pixel, of its left and right neighbours, and of the next ones:
+    /// w0 + 2 w1 + 2 w2 = 1.
+    pub across: [f64; 3],
+    /// The same for its upper and lower neighbours.
+    pub down: [f64; 3],
+    /// Spatial frequency at which the modulation transfer is one half, across and down, cycles a
+    /// pixel.
+    pub mtf50: [f64; 2],
+    /// Number of edges from which it was measured.
+    pub edges: usize,
 }
 
 /// Quality of a lens calibration.
@@ -97,6 +115,7 @@ impl LensRecord {
             distortion: pairs.map(|(n, v)| ((*n).to_owned(), v)).collect(),
             max_theta: None,
             sigma: BTreeMap::new(),
+            sharpness: None,
             quality: None,
         }
     }
@@ -120,7 +139,31 @@ impl LensRecord {
                 reason: e.to_string(),
             })?;
         record.lens(file)?;
+        record.spread(file)?;
         Ok(record)
+    }
+
+    /// Returns the spread of a pixel, if it was measured; `file` is used in the error.
+    ///
+    /// # Errors
+    /// No camera has such weights.
+    pub fn spread(&self, file: &str) -> Result<Option<PointSpread>, CalibrationFileError> {
+        let Some(record) = &self.sharpness else {
+            return Ok(None);
+        };
+        let spread = PointSpread {
+            across: record.across,
+            down: record.down,
+        };
+        let wrong = || CalibrationFileError::Wrong {
+            file: file.to_owned(),
+            key: "sharpness",
+            expected: "`across` and `down`, each three weights from -1 to 2 with w0 + 2 w1 + 2 w2 = 1",
+        };
+        spread
+            .is_possible()
+            .then_some(Some(spread))
+            .ok_or_else(wrong)
     }
 
     /// Returns the lens; `file` is used in the error.

@@ -8,6 +8,8 @@ use glam::{DMat3, DVec2, DVec3};
 use penumbra_camera::EnvironmentView;
 use penumbra_camera::Response;
 use penumbra_camera::Vignetting;
+use penumbra_camera::look::NOISE_LAGS;
+use penumbra_camera::{CameraNoise, NoiseTexture};
 use penumbra_white_balance::{CalibratedGains, GainEstimate};
 use serde::{Deserialize, Serialize};
 
@@ -93,6 +95,20 @@ pub struct NoiseRecord {
     pub shot: [f64; 3],
     /// Its standard error.
     pub shot_sigma: [f64; 3],
+    /// Correlation between pixels and channels; independent noise without it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub texture: Option<NoiseTextureRecord>,
+}
+
+/// Correlation of noise of unit variance, of luma Y and the differences B − Y and R − Y.
+#[derive(Clone, Debug, PartialEq, Deserialize, Serialize)]
+pub struct NoiseTextureRecord {
+    /// Correlation with the first, second, ... pixel to the right.
+    pub across: [[f64; NOISE_LAGS]; 3],
+    /// The same, downwards.
+    pub down: [[f64; NOISE_LAGS]; 3],
+    /// Covariance of the three.
+    pub covariance: [[f64; 3]; 3],
 }
 
 /// Gains: scene = rgb × environment, linear.
@@ -139,6 +155,7 @@ pub fn apply_radiometric_file<'a>(
     if let Some(response) = response(&record.scene_camera)? {
         rig.scene_camera.response = response;
     }
+    rig.scene_camera.noise = noise(&record.scene_camera)?;
     if let Some(environment) = &mut rig.environment {
         if let Some(response) = response(&record.environment_camera)? {
             environment.response = response;
@@ -171,6 +188,61 @@ fn response(camera: &CameraRecord) -> Result<Option<Response>, CalibrationFileEr
     Response::from_table(&record.linear_from_code)
         .map(Some)
         .map_err(|e| unusable(&e.to_string()))
+}
+
+/// Largest variance of read noise, and of shot noise per linear value: a standard deviation of a
+/// tenth and of a third of white.
+const MAX_NOISE: [f64; 2] = [0.01, 0.1];
+
+fn noise(camera: &CameraRecord) -> Result<Option<CameraNoise>, CalibrationFileError> {
+    let Some(record) = &camera.noise else {
+        return Ok(None);
+    };
+    let wrong = |key, expected| CalibrationFileError::Wrong {
+        file: RADIOMETRIC.to_owned(),
+        key,
+        expected,
+    };
+    let all_within =
+        |values: &[f64], low: f64, high: f64| values.iter().all(|v| (low..=high).contains(v));
+    if !all_within(&record.read, 0.0, MAX_NOISE[0]) {
+        return Err(wrong(
+            "scene_camera.noise.read",
+            "three variances from 0 to 0.01",
+        ));
+    }
+    if !all_within(&record.shot, 0.0, MAX_NOISE[1]) {
+        return Err(wrong(
+            "scene_camera.noise.shot",
+            "three variances per linear value from 0 to 0.1",
+        ));
+    }
+    let texture = match &record.texture {
+        None => NoiseTexture::WHITE,
+        Some(t) => {
+            let lags = [t.across, t.down].concat().concat();
+            let variances = [0, 1, 2].map(|i| t.covariance[i][i]);
+            let is_possible = all_within(&lags, -1.0, 1.0)
+                && all_within(&variances, 0.0, 2.0)
+                && all_within(&t.covariance.concat(), -2.0, 2.0);
+            if !is_possible {
+                return Err(wrong(
+                    "scene_camera.noise.texture",
+                    "correlations from -1 to 1, with variances from 0 to 2",
+                ));
+            }
+            NoiseTexture {
+                across: t.across,
+                down: t.down,
+                covariance: t.covariance,
+            }
+        }
+    };
+    Ok(Some(CameraNoise {
+        read: record.read,
+        shot: record.shot,
+        texture,
+    }))
 }
 
 fn vignetting(
@@ -290,6 +362,28 @@ mod tests {
             "{error}"
         );
         assert!(error.contains(RADIOMETRIC), "{error}");
+    }
+
+    #[test]
+    fn noise_is_that_of_the_scene_camera() {
+        let with = |read: &str, texture: &str| {
+            applied(&format!(
+                "\"scene_camera\":{{\"noise\":{{\"read\":[{read}],\"read_sigma\":[0,0,0],\
+                 \"shot\":[1e-4,1e-4,2e-4],\"shot_sigma\":[0,0,0]{texture}}}}}"
+            ))
+        };
+        let rig = with("1e-5,1e-5,2e-5", "").unwrap();
+        let noise = rig.calibration.scene_camera.noise.unwrap();
+        assert_eq!((noise.read[2], noise.texture), (2e-5, NoiseTexture::WHITE));
+        let error = with("1e-5,-1,2e-5", "").unwrap_err();
+        assert!(error.contains("`scene_camera.noise.read`") && error.contains("0 to 0.01"));
+        let lags = "[[2,0,0,0,0,0,0],[0,0,0,0,0,0,0],[0,0,0,0,0,0,0]]";
+        let texture = format!(
+            ",\"texture\":{{\"across\":{lags},\"down\":{lags},\
+             \"covariance\":[[1,0,0],[0,1,0],[0,0,1]]}}"
+        );
+        let error = with("1e-5,1e-5,2e-5", &texture).unwrap_err();
+        assert!(error.contains("`scene_camera.noise.texture`"), "{error}");
     }
 
     #[test]

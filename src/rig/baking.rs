@@ -3,10 +3,11 @@
 use crate::bake::{BakePlan, bake_changes};
 use crate::error::RigError;
 use crossbeam_channel::{Receiver, bounded};
-use penumbra_compositor::planes::{PlanesStage, Progress, SourceBaker};
+use penumbra_compositor::planes::{PlanesStage, PlanesUploader, Progress, SourceBaker};
 use penumbra_compositor::{Gpu, GpuError};
 use penumbra_config::PlanesConfig;
 use penumbra_interface::threads;
+use penumbra_lighting::Lighting;
 use penumbra_scene::Scene;
 use penumbra_scene::planes::Bake;
 use penumbra_scene::planes::store;
@@ -14,8 +15,8 @@ use penumbra_scene::planes::store::StoreError;
 use penumbra_status::planes::PlanesState;
 use std::ops::ControlFlow;
 use std::path::Path;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
@@ -42,11 +43,15 @@ pub(super) struct Baking {
     pub scene: Arc<Scene>,
     /// Receives the result.
     pub result: Receiver<Result<Obtained, RigError>>,
+    light: Arc<NewestLight>,
     done: Arc<AtomicU32>,
     total: Arc<AtomicU32>,
     stop: Arc<AtomicBool>,
     thread: Option<JoinHandle<()>>,
 }
+
+/// The light of the newest picture; `None` while the pictures wait for the bake.
+type NewestLight = Mutex<Option<Arc<Lighting>>>;
 
 impl Baking {
     /// Starts the bake of `scene`. With an earlier bake `before`, only changed parts are baked;
@@ -55,7 +60,7 @@ impl Baking {
     /// # Errors
     /// The system cannot start a thread.
     pub fn start(
-        gpu: &Gpu,
+        uploader: PlanesUploader,
         scene: &Arc<Scene>,
         config: &PlanesConfig,
         before: Option<Baked>,
@@ -63,13 +68,17 @@ impl Baking {
         let (done, total) = (Arc::<AtomicU32>::default(), Arc::<AtomicU32>::default());
         let stop = Arc::<AtomicBool>::default();
         let (send, result) = bounded(1);
-        let (gpu, config) = (gpu.clone(), config.clone());
+        let (light, config) = (Arc::<NewestLight>::default(), config.clone());
+        let newest = light.clone();
         let (counts, stopped) = ((done.clone(), total.clone()), stop.clone());
         let target = scene.clone();
         let job = move || {
             let mut progress = |done: usize, total: usize| {
-                counts.0.store(done as u32, Ordering::Relaxed);
-                counts.1.store(total as u32, Ordering::Relaxed);
+                // The last call only asks whether to go on.
+                if total > 0 {
+                    counts.0.store(done as u32, Ordering::Relaxed);
+                    counts.1.store(total as u32, Ordering::Relaxed);
+                }
                 if stopped.load(Ordering::Relaxed) {
                     ControlFlow::Break(())
                 } else {
@@ -77,18 +86,27 @@ impl Baking {
                 }
             };
             // The receiver is gone if the rig has ended.
-            let _ = send.send(obtain(&gpu, &target, &config, before, &mut progress));
+            let made = obtain(&uploader, &target, &config, before, &mut progress);
+            let _ = send.send(made.map(|made| prepared(made, &uploader.gpu, &newest)));
         };
         let thread = threads::spawn_background("bake", job);
         let thread = thread.map_err(|source| RigError::Thread { source })?;
         Ok(Self {
             scene: scene.clone(),
             result,
+            light,
             done,
             total,
             stop,
             thread: Some(thread),
         })
+    }
+
+    /// Sets the light of the newest picture, in which the bake will be shown. Without it, the
+    /// first picture with the bake does the work for its light at once.
+    pub fn set_light(&self, light: Option<&Arc<Lighting>>) {
+        let mut newest = self.light.lock().unwrap_or_else(PoisonError::into_inner);
+        *newest = light.cloned();
     }
 
     /// Returns the progress of the bake.
@@ -121,14 +139,28 @@ impl Drop for Baking {
     }
 }
 
+/// Does the work for the present light, which would delay the first picture otherwise.
+fn prepared(mut made: Obtained, gpu: &Gpu, newest: &NewestLight) -> Obtained {
+    // A copy, because the pictures must not wait for this work.
+    let light = newest
+        .lock()
+        .unwrap_or_else(PoisonError::into_inner)
+        .clone();
+    if let Some(light) = light {
+        made.stage.prepare_sources(gpu, light.faces.as_deref());
+    }
+    made
+}
+
 fn obtain(
-    gpu: &Gpu,
+    uploader: &PlanesUploader,
     scene: &Arc<Scene>,
     config: &PlanesConfig,
     before: Option<Baked>,
     progress: &mut Progress<'_>,
 ) -> Result<Obtained, RigError> {
     let begun = Instant::now();
+    let gpu = &uploader.gpu;
     let (bake, from_cache) = match before {
         Some(old) => {
             let old = (&*old.scene, &*old.bake);
@@ -139,11 +171,14 @@ fn obtain(
     if progress(0, 0).is_break() {
         return Err(GpuError::Stopped.into());
     }
-    let sources = config.sources.then(|| SourceBaker::new(gpu, scene, &bake));
     // Without images of the compact sources, the lights of the dome still cast shadows.
-    let sources = sources.and_then(|made| made.inspect_err(|error| tracing::warn!("{error}")).ok());
+    let sources = || {
+        let made = SourceBaker::new(gpu, scene, &bake);
+        made.inspect_err(|error| tracing::warn!("{error}")).ok()
+    };
+    let sources = config.sources.then_some(sources);
     Ok(Obtained {
-        stage: Box::new(PlanesStage::new(gpu, &bake, sources)?),
+        stage: Box::new(uploader.upload(&bake, sources)?),
         baked: Baked {
             scene: scene.clone(),
             bake: Arc::new(bake),

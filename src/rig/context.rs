@@ -2,7 +2,7 @@
 
 use crate::setup::RigSetup;
 use crate::source::Source;
-use penumbra_config::Config;
+use penumbra_config::{Config, ReplaySpeed};
 use penumbra_status::SharedStatus;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -34,6 +34,12 @@ impl RunContext {
     pub const fn picture_size(&self) -> (u32, u32) {
         let camera = &self.setup.calibration.scene_camera.camera;
         (camera.width, camera.height)
+    }
+
+    /// Returns whether a recording is replayed as fast as possible.
+    pub fn is_unhurried(&self) -> bool {
+        let is_recorded = matches!(self.source, Source::Recorded(_));
+        is_recorded && self.config.replay.speed == ReplaySpeed::Max
     }
 
     /// Returns whether the program has been asked to end.

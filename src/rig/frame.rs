@@ -4,7 +4,7 @@ use crate::display::DisplayPrediction;
 use crate::feed::FeedCounts;
 use crate::latency_monitor::LatencyState;
 use crate::light::state::LightState;
-use penumbra_camera::RollingShutter;
+use penumbra_camera::{ExposureMotion, RollingShutter};
 use penumbra_interface::RigidTransform;
 use penumbra_picture::Picture;
 use penumbra_status::RegistrationStatus;
@@ -26,6 +26,8 @@ pub struct PreparedFrame {
     pub registration: RegistrationStatus,
     /// The camera's motion during the readout, if it has a rolling shutter.
     pub rolling_shutter: Option<RollingShutter>,
+    /// The camera's motion during the exposure, if that is known and blurs virtual objects.
+    pub exposure_motion: Option<ExposureMotion>,
     /// The predicted pose at the instant of display, if prediction is configured.
     pub display: Option<DisplayPrediction>,
     /// Standard deviation of the tracker's pose at this instant: millimetres, degrees, and pixels

@@ -7,8 +7,8 @@
 //! 2. [`feed`] pairs it with a pose and the environment pictures (`RigFrame`) and adds what a
 //!    live rig noted about it ([`feed::JournaledFrame`]).
 //! 3. [`prepare`], one frame ahead on its own thread, decodes the picture, finds the camera's pose
-//!    (`registration`, `display`) and asks [`light`] for the light of the frame; the result is a
-//!    [`frame::PreparedFrame`].
+//!    (`registration`, `display`) and asks [`light`] for the light of the frame, for which frames of
+//!    a recording wait (`held_frames`); the result is a [`frame::PreparedFrame`].
 //! 4. [`runner`] takes it, and `run` sends it with the settings as one `FrameInput` through the
 //!    compositor to the outputs. `scenes` and `planes` exchange scene and bake between frames.
 //! 5. `status` publishes the frame's figures; [`report`] sums them up after the run.
@@ -35,6 +35,7 @@ mod baking;
 pub mod display;
 pub mod feed;
 pub mod frame;
+mod held_frames;
 mod journal;
 mod latency_monitor;
 pub mod light;

@@ -62,6 +62,17 @@ impl Pace {
         !is_late || self.keep_all
     }
 
+    /// Returns whether a frame that arrived at `at` and is read ahead of the frame that is due is
+    /// late already and will be skipped.
+    pub fn is_late(&self, at: MonotonicTime) -> bool {
+        let (Some(factor), Some((start, first)), false) = (self.factor, self.start, self.keep_all)
+        else {
+            return false;
+        };
+        let after = at.seconds_since(first).max(0.0) / factor;
+        start.elapsed() >= Duration::from_secs_f64(after) + MAX_DELAY
+    }
+
     /// Returns when a frame that arrived at `at` is due; `None` at maximum speed.
     fn due(&mut self, at: MonotonicTime, now: Instant) -> Option<Instant> {
         let factor = self.factor?;
@@ -113,6 +124,7 @@ mod tests {
         let (go, stop) = (AtomicBool::new(false), AtomicBool::new(true));
         pace.start = Some((Instant::now() - Duration::from_secs(1), at(0)));
         pace.previous = at(0);
+        assert!(pace.is_late(at(10)) && !pace.is_late(at(2000)));
         assert!(!pace.wait(at(10), &go));
         // Due in four seconds; the stop request must end the wait.
         assert!(pace.wait(at(5000), &stop));
@@ -125,6 +137,7 @@ mod tests {
         let second_ago = Instant::now() - Duration::from_secs(1);
         pace.start = Some((second_ago, at(0)));
         pace.previous = at(0);
+        assert!(!pace.is_late(at(10)));
         assert!(pace.wait(at(10), &go));
         // Later frames follow at the recorded intervals again.
         let now = Instant::now();

@@ -1,7 +1,8 @@
 //! Obtains and exchanges the bakes of shadowing planes in a rig.
 //!
 //! A bake is read from the cache or made on its own thread; until it is ready, the light dome casts
-//! the shadows. When the scene changes later, the old scene stays in the picture with its bake
+//! the shadows. Only a recording that starts with shadowing planes waits for its first bake. When
+//! the scene changes later, the old scene stays in the picture with its bake
 //! until the bake of the new scene is ready. A rigid motion of the model moves its bake at once.
 
 use crate::baking::{Baked, Baking, Obtained};
@@ -13,6 +14,7 @@ use penumbra_compositor::Compositor;
 use penumbra_compositor::planes::{PlanesChoice, Thresholds};
 use penumbra_config::Technique;
 use penumbra_interface::RigidTransform;
+use penumbra_lighting::Lighting;
 use penumbra_scene::change::is_level;
 use penumbra_scene::indirect_light::solid_phantoms;
 use penumbra_scene::planes::{Bake, ShadowingPlane};
@@ -45,19 +47,38 @@ struct ActivePlanes {
 }
 
 /// The bakes of a run.
-#[derive(Default)]
 pub(super) struct PlaneBakes {
     status: PlanesStatus,
+    /// Whether the pictures wait for the first bake.
+    waits: bool,
     /// The bake in progress.
     baking: Option<Baking>,
     /// Cancelled bakes whose threads may still run.
     retired: Vec<Baking>,
     active: Option<ActivePlanes>,
+    /// The bake of a compositor whose device was lost, for the next one.
+    lost: Option<Baked>,
     /// A scene whose bake failed, and the reason.
     failed: Option<(Arc<Scene>, String)>,
 }
 
 impl PlaneBakes {
+    /// A recording that starts with planes waits for its first bake, so that its pictures are
+    /// reproducible. No other picture waits: not those of a live rig, nor those after a user has
+    /// changed the technique.
+    pub fn new(context: &RunContext) -> Self {
+        let starts_with_planes = context.config.shadows.technique == Technique::ShadowingPlanes;
+        Self {
+            waits: starts_with_planes && !context.source.is_live(),
+            status: PlanesStatus::default(),
+            baking: None,
+            retired: Vec::new(),
+            active: None,
+            lost: None,
+            failed: None,
+        }
+    }
+
     /// Returns the status of the planes.
     pub const fn status(&self) -> &PlanesStatus {
         &self.status
@@ -76,6 +97,14 @@ impl PlaneBakes {
         })
     }
 
+    /// Prepares the bakes for a new compositor, whose predecessor's device was lost.
+    pub fn forget_device(&mut self) {
+        self.retire();
+        let reusable = self.active.take().and_then(|a| a.reusable());
+        self.lost = reusable.or_else(|| self.lost.take());
+        self.failed = None;
+    }
+
     /// Returns the rotation of the light dome, which is that of the model.
     pub fn dome_rotation(&self) -> DQuat {
         self.active
@@ -90,8 +119,8 @@ impl PlaneBakes {
     }
 
     /// Obtains the bake of `wanted`, the newest scene, and returns whether that scene may replace
-    /// `shown`. A recording waits for its first bake, so that its pictures are reproducible;
-    /// otherwise frames continue, and the status reports failures.
+    /// `shown`. A recording that starts with planes waits for its first bake; otherwise frames
+    /// continue, and the status reports failures. `lighting` is the light of the next picture.
     ///
     /// # Errors
     /// The first bake of a recording fails, or the system cannot start a thread.
@@ -100,9 +129,12 @@ impl PlaneBakes {
         context: &RunContext,
         settings: &Settings,
         (wanted, shown): (&Arc<Scene>, &Arc<Scene>),
+        lighting: Option<&Arc<Lighting>>,
         compositor: &mut Compositor,
     ) -> Result<bool, RigError> {
         if settings.technique != Technique::ShadowingPlanes {
+            self.retire();
+            self.waits = false;
             self.status.state = PlanesState::Off;
             return Ok(true);
         }
@@ -110,8 +142,7 @@ impl PlaneBakes {
             self.refuse(wanted, part.index);
             return Ok(true);
         }
-        let first = self.active.is_none() && self.failed.is_none();
-        let wait = first && !context.source.is_live();
+        let wait = self.waits && self.active.is_none() && self.failed.is_none();
         loop {
             if self.has_failed(wanted) {
                 self.status.state = self.settled_state(wanted);
@@ -124,6 +155,9 @@ impl PlaneBakes {
                 return Ok(true);
             }
             self.start_bake(context, wanted, compositor)?;
+            if let (Some(baking), false) = (&self.baking, wait) {
+                baking.set_light(lighting);
+            }
             let timeout = if wait { POLL_EVERY } else { Duration::ZERO };
             if self.take_finished(timeout, wait, compositor)? {
                 continue;
@@ -208,8 +242,9 @@ impl PlaneBakes {
         if self.baking.as_ref().is_none_or(|b| !is_in_progress(b)) {
             self.retire();
             let reusable = self.active.as_ref().and_then(ActivePlanes::reusable);
+            let reusable = reusable.or_else(|| self.lost.take());
             let config = &context.config.planes;
-            let baking = Baking::start(compositor.gpu(), scene, config, reusable)?;
+            let baking = Baking::start(compositor.planes_uploader(), scene, config, reusable)?;
             self.baking = Some(baking);
         }
         Ok(())

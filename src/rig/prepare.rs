@@ -1,16 +1,19 @@
 //! Prepares frames for the compositor, one frame ahead of it, on its own thread: decodes the
-//! picture, finds the camera's pose and requests the frame's light. The result does not depend on
-//! the consumer's timing, so the same recording gives the same pictures.
+//! picture, finds the camera's pose and requests the frame's light. Frames of a recording then wait
+//! until the next environment picture, too, has been read, between which and the one before the
+//! light is interpolated. The result does not depend on the consumer's timing, so the same
+//! recording gives the same pictures.
 
 use crate::display::{DisplayLatency, DisplayPredictor};
 use crate::error::RigError;
 use crate::feed::{Feed, JournaledFrame};
 use crate::frame::{Counts, PreparedFrame};
+use crate::held_frames::HeldFrames;
 use crate::journal::Journal;
 use crate::latency_monitor::{LatencyMonitor, LatencyState};
 use crate::light::estimator::LightEstimator;
 use crate::light::scheduler::LightScheduler;
-use crate::light::state::LightRequest;
+use crate::light::state::{LightRequest, LightState};
 use crate::light::updates::SceneUpdates;
 use crate::light::view::SphereAt;
 use crate::light::worker::LightUpdater;
@@ -22,16 +25,17 @@ use crate::setup::TRACKER_NOISE;
 use crate::source::Source;
 use crossbeam_channel::{Receiver, Sender, bounded};
 use glam::DVec3;
-use penumbra_camera::RollingShutter;
+use penumbra_camera::{ExposureMotion, RollingShutter};
 use penumbra_capture::Next;
 use penumbra_config::TrackerSource;
-use penumbra_config::{Config, Predict, ReplayPairing};
+use penumbra_config::{Config, LookConfig, Predict, ReplayPairing};
 use penumbra_interface::threads;
 use penumbra_interface::{MonotonicTime, RigidTransform};
 use penumbra_picture::{Picture, YuvEncoding, decode_into};
 use penumbra_registration::TrackerPose;
 use penumbra_status::{RegistrationStatus, Settings};
 use penumbra_sync::{PairingConfig, RigFrame};
+use std::ops::RangeInclusive;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
@@ -43,8 +47,15 @@ const MAX_PICTURE_INTERVAL: f64 = 0.2;
 /// Half the time span over which the tracker measures the camera's motion, nanoseconds. The span is
 /// longer than a typical readout of a picture.
 const MOTION_NANOS: i64 = 10_000_000;
+/// Exposure times that are believed, seconds.
+const EXPOSURE_SECONDS: RangeInclusive<f64> = 1e-6..=1.0;
 /// Maximum number of frames that wait for the compositor.
 const MAX_FRAMES_AHEAD: usize = 1;
+/// Maximum number of recycled pictures: those of the frames between two environment pictures.
+const MAX_RECYCLED: usize = 16;
+
+/// Poses of the camera before and after an instant, and the seconds between them.
+type Motion = (RigidTransform, RigidTransform, f64);
 
 /// One step of the preparation.
 pub enum PreparationEvent {
@@ -120,7 +131,7 @@ impl Preparation {
             MAX_FRAMES_AHEAD
         };
         let (step_sender, steps) = bounded(ahead);
-        let (recycled, recycled_pictures) = bounded(MAX_FRAMES_AHEAD + 2);
+        let (recycled, recycled_pictures) = bounded(MAX_RECYCLED);
         let (requests, request_receiver) = bounded(1);
         let registration = &config.registration;
         let centre = crate::registration::scene_centre(&setup.scene, setup.tags.as_ref());
@@ -135,6 +146,7 @@ impl Preparation {
             journal: Journal::new(source),
             tags: TagRegistration::new(setup, registration.row_seconds),
             row_seconds: registration.row_seconds,
+            look: config.look,
             last_pose: None,
             centre,
             setup: setup.clone(),
@@ -149,6 +161,7 @@ impl Preparation {
             recycled: recycled_pictures,
             stop,
             first_captured_at: None,
+            held: HeldFrames::default(),
         };
         let thread = threads::spawn("prepare", move || worker.run())
             .map_err(|source| RigError::Thread { source })?;
@@ -196,6 +209,8 @@ struct Worker {
     centre: DVec3,
     /// Readout time from one row of the scene camera to the next, seconds.
     row_seconds: f64,
+    /// The camera's look on virtual objects.
+    look: LookConfig,
     /// Time and pose of the previous picture, for the camera's motion.
     last_pose: Option<(MonotonicTime, RigidTransform)>,
     lights: LightScheduler,
@@ -215,6 +230,8 @@ struct Worker {
     recycled: Receiver<Picture>,
     stop: Arc<AtomicBool>,
     first_captured_at: Option<MonotonicTime>,
+    /// Frames that wait for the light of their instant.
+    held: HeldFrames,
 }
 
 impl Worker {
@@ -222,22 +239,12 @@ impl Worker {
     fn run(&mut self) {
         loop {
             self.first_captured_at = None;
+            self.lights.restart();
             if let Some(pace) = &mut self.pace {
                 pace.restart();
             }
-            loop {
-                let request = self.requests.as_ref().map(Receiver::recv);
-                if request.is_some_and(|request| request.is_err()) {
-                    return;
-                }
-                let step = match self.feed.next_picture(self.latency.as_mut()) {
-                    Next::Item(frame) => self.step(*frame),
-                    Next::Idle => PreparationEvent::Idle(Box::new(self.counts(false))),
-                    Next::Ended => break,
-                };
-                if self.stop.load(Ordering::Relaxed) || self.steps.send(step).is_err() {
-                    return;
-                }
+            if !(self.run_once() && self.release(true)) {
+                return;
             }
             let counts = self.counts(true);
             let is_dropped = self
@@ -252,6 +259,55 @@ impl Worker {
                 latency.restart();
             }
         }
+    }
+
+    /// Prepares frames until the source ends; false if nobody takes them any more.
+    fn run_once(&mut self) -> bool {
+        loop {
+            let request = self.requests.as_ref().map(Receiver::recv);
+            if request.is_some_and(|request| request.is_err()) {
+                return false;
+            }
+            let event = match self.feed.next_picture(self.latency.as_mut()) {
+                Next::Item(frame) => self.step(*frame),
+                Next::Idle => PreparationEvent::Idle(Box::new(self.counts(false))),
+                Next::Ended => return true,
+            };
+            let goes_on = match event {
+                PreparationEvent::Frame(frame) => {
+                    self.held.push(frame);
+                    self.release(false)
+                }
+                event => self.send(event),
+            };
+            if !goes_on {
+                return false;
+            }
+        }
+    }
+
+    /// Sends the frames whose light is known, or `all`, at their time; false if nobody takes them
+    /// any more.
+    fn release(&mut self, all: bool) -> bool {
+        while let Some(mut frame) = self.held.pop(|at| all || self.lights.is_settled(at)) {
+            frame.light = self.lights.light_at(frame.frame.captured_at);
+            let arrived_at = frame.frame.scene.arrived_at;
+            let is_due = |pace: &mut Pace| pace.wait(arrived_at, &self.stop);
+            let event = if self.pace.as_mut().is_none_or(is_due) {
+                PreparationEvent::Frame(frame)
+            } else {
+                PreparationEvent::Skipped
+            };
+            if !self.send(event) {
+                return false;
+            }
+        }
+        true
+    }
+
+    /// Sends an event; false if nobody takes it any more.
+    fn send(&self, event: PreparationEvent) -> bool {
+        !self.stop.load(Ordering::Relaxed) && self.steps.send(event).is_ok()
     }
 
     /// Returns the counts so far; `is_over` at the end of a recording.
@@ -278,9 +334,8 @@ impl Worker {
             entry,
         } = journaled;
         let first = *self.first_captured_at.get_or_insert(frame.captured_at);
-        if let Some(pace) = &mut self.pace
-            && !pace.wait(frame.scene.arrived_at, &self.stop)
-        {
+        let is_late = |pace: &Pace| pace.is_late(frame.scene.arrived_at);
+        if self.pace.as_ref().is_some_and(is_late) {
             return PreparationEvent::Skipped;
         }
         let begun = Instant::now();
@@ -302,7 +357,7 @@ impl Worker {
             predictor.predict(setup, tracker, &frame, world_from_camera, &registration)
         });
         registration.display = display.map(|prediction| prediction.status);
-        let rolling_shutter = self.rolling_shutter(&frame, world_from_camera);
+        let (rolling_shutter, exposure_motion) = self.motions(&frame, world_from_camera);
         let tracker_sigma = self.tracker_sigma(&frame, world_from_camera);
         let request = LightRequest {
             sphere,
@@ -320,9 +375,10 @@ impl Worker {
             world_from_camera,
             registration,
             rolling_shutter,
+            exposure_motion,
             display,
             tracker_sigma,
-            light: light.state.clone(),
+            light: LightState::default(),
             decoding,
             lighting: light.took,
             preview: light.preview.take(),
@@ -380,32 +436,64 @@ impl Worker {
         }
     }
 
-    /// Returns the camera's motion during the readout: by the tracker, else from the previous
-    /// picture's pose. `None` without a rolling shutter.
-    fn rolling_shutter(
+    /// Returns the camera's motion during the readout, if it has a rolling shutter, and during the
+    /// exposure of a row.
+    fn motions(
         &mut self,
         frame: &RigFrame,
         pose: Option<RigidTransform>,
-    ) -> Option<RollingShutter> {
-        if self.row_seconds == 0.0 {
+    ) -> (Option<RollingShutter>, Option<ExposureMotion>) {
+        let motion = self.camera_motion(frame, pose);
+        let rolling_shutter = motion.and_then(|(before, after, seconds)| {
+            RollingShutter::between(&before, &after, seconds, self.row_seconds)
+        });
+        (rolling_shutter, self.exposure_motion(frame, motion))
+    }
+
+    /// Returns the camera's motion around the picture's instant: poses before and after, and the
+    /// seconds between them. By the tracker, else from the previous picture's pose; `None` if
+    /// nothing depends on it.
+    fn camera_motion(&mut self, frame: &RigFrame, pose: Option<RigidTransform>) -> Option<Motion> {
+        if self.pairing.motion_nanos == 0 {
             return None;
         }
         let last = std::mem::replace(&mut self.last_pose, pose.map(|p| (frame.captured_at, p)));
-        if let Some(motion) = self.tracked_motion(frame) {
+        if let Some(motion) = self.tracker_motion(frame) {
             return Some(motion);
         }
         let (last_captured_at, before) = last?;
         let seconds = frame.captured_at.seconds_since(last_captured_at);
         let is_recent = (1e-3..MAX_PICTURE_INTERVAL).contains(&seconds);
-        is_recent.then(|| RollingShutter::between(&before, &pose?, seconds, self.row_seconds))?
+        is_recent.then(|| Some((before, pose?, seconds)))?
+    }
+
+    /// Returns the camera's motion around the picture's instant, by the tracker.
+    fn tracker_motion(&self, frame: &RigFrame) -> Option<Motion> {
+        let (before, after, seconds) = frame.motion?;
+        let tracker = self.setup.calibration.tracker.as_ref()?;
+        let [before, after] = [before, after].map(|p| tracker.world_from_scene_camera(p));
+        Some((before, after, seconds))
     }
 
     /// Returns the camera's motion during the readout, by the tracker.
     fn tracked_motion(&self, frame: &RigFrame) -> Option<RollingShutter> {
-        let (before, after, seconds) = frame.motion?;
-        let tracker = self.setup.calibration.tracker.as_ref()?;
-        let [before, after] = [before, after].map(|p| tracker.world_from_scene_camera(p));
+        let (before, after, seconds) = self.tracker_motion(frame)?;
         RollingShutter::between(&before, &after, seconds, self.row_seconds)
+    }
+
+    /// Returns the camera's motion during the exposure of a row; `None` if the exposure time is not
+    /// known, or if motion does not blur.
+    fn exposure_motion(&self, frame: &RigFrame, motion: Option<Motion>) -> Option<ExposureMotion> {
+        let reported = frame.scene.exposure.map(|e| e.exposure_micros * 1e-6);
+        let exposure = self.look.exposure_seconds.or(reported);
+        let exposure =
+            exposure.filter(|s| self.look.motion_blur && EXPOSURE_SECONDS.contains(s))?;
+        Some(match motion {
+            Some((before, after, seconds)) => {
+                ExposureMotion::between(&before, &after, seconds, exposure)
+            }
+            None => ExposureMotion::at_rest(exposure),
+        })
     }
 
     /// Returns the value of [`PreparedFrame::tracker_sigma`].
@@ -472,7 +560,7 @@ fn pairing(config: &Config, setup: &RigSetup, as_live: bool) -> PairingConfig {
     let mut pairing = pairing_config(&setup.calibration);
     pairing.history.max_prediction_nanos = config.sync.max_prediction_nanos;
     pairing.history.smoothing = config.sync.smoothing();
-    if config.registration.row_seconds != 0.0 {
+    if config.registration.row_seconds != 0.0 || config.look.motion_blur {
         pairing.motion_nanos = MOTION_NANOS;
     }
     if let (Some(station), Some(TrackerSource::System(tracker))) =

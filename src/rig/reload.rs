@@ -4,14 +4,14 @@
 use crate::error::RigError;
 use crate::light::scene_tables::SceneLight;
 use crossbeam_channel::{Receiver, RecvTimeoutError, Sender, bounded};
-use penumbra_compositor::{SceneUploader, UploadedScene};
+use penumbra_compositor::{Compositor, SceneUploader, UploadedScene};
 use penumbra_config::Config;
 use penumbra_interface::threads;
 use penumbra_rig_model::RigCalibration;
 use penumbra_scene::scene_file::files_of;
 use penumbra_scene::{Scene, SceneAddition, casters};
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, SystemTime};
 
@@ -27,6 +27,14 @@ pub(super) struct Loaded {
 }
 
 impl Loaded {
+    /// Uploads the scene again if its device was lost since.
+    pub fn upload_to(&mut self, compositor: &Compositor) {
+        if !self.uploaded.is_on(compositor.gpu()) {
+            let uploader = compositor.uploader();
+            self.uploaded = uploader.upload(&self.scene, &casters(&self.scene));
+        }
+    }
+
     /// Combines this scene with an `older` one that it replaces before that was shown.
     pub fn over(self, older: Self) -> Self {
         Self {
@@ -54,11 +62,15 @@ pub(super) struct Origin {
     pub shown: Arc<Scene>,
     pub rig: RigCalibration,
     pub config: Config,
-    pub uploader: SceneUploader,
+    pub uploader: SharedUploader,
 }
+
+/// The uploader of the current compositor; replaced after its device was lost.
+pub(super) type SharedUploader = Arc<Mutex<SceneUploader>>;
 
 /// The reload thread and the channel of its outcomes. Dropping it ends the thread.
 pub(super) struct Reload {
+    uploader: SharedUploader,
     outcomes: Option<Receiver<ReloadOutcome>>,
     stop: Option<Sender<()>>,
     thread: Option<JoinHandle<()>>,
@@ -72,6 +84,7 @@ impl Reload {
     pub fn start(origin: Origin) -> Result<Self, RigError> {
         let (sender, outcomes) = bounded(1);
         let (stop, stopped) = bounded(1);
+        let uploader = origin.uploader.clone();
         let mut watcher = FileWatcher::new(origin);
         let thread = threads::spawn_background("scene", move || {
             while stopped.recv_timeout(POLL_EVERY) == Err(RecvTimeoutError::Timeout) {
@@ -83,10 +96,16 @@ impl Reload {
             }
         });
         Ok(Self {
+            uploader,
             outcomes: Some(outcomes),
             stop: Some(stop),
             thread: Some(thread.map_err(|source| RigError::Thread { source })?),
         })
+    }
+
+    /// Uploads the scenes of later changes with `uploader`.
+    pub fn set_uploader(&self, uploader: SceneUploader) {
+        *lock(&self.uploader) = uploader;
     }
 
     /// Returns the outcome of a change since the last call.
@@ -151,7 +170,9 @@ impl FileWatcher {
         let casters = casters(&scene);
         let both = (&*origin.shown, &scene);
         let light = SceneLight::new(&origin.rig, &origin.config, both, &casters)?;
-        let uploaded = origin.uploader.upload(&scene, &casters);
+        // A copy, because a compositor that replaces it must not wait for the upload.
+        let uploader = lock(&origin.uploader).clone();
+        let uploaded = uploader.upload(&scene, &casters);
         origin.shown = Arc::new(scene);
         Ok(ReloadOutcome::Loaded(Box::new(Loaded {
             scene: origin.shown.clone(),
@@ -159,6 +180,10 @@ impl FileWatcher {
             light,
         })))
     }
+}
+
+fn lock(uploader: &SharedUploader) -> MutexGuard<'_, SceneUploader> {
+    uploader.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 fn stamps(files: &[PathBuf]) -> Vec<Stamp> {

@@ -1,5 +1,6 @@
 //! The report of a replay, written by `--report FILE.json`.
 
+use penumbra_config::Quality;
 use penumbra_status::StageTimes;
 use penumbra_sync::PairingCounts;
 use penumbra_white_balance::MatchStatus;
@@ -16,6 +17,8 @@ pub struct Report {
     pub truncated: bool,
     /// Adapter name.
     pub adapter: String,
+    /// Quality of the pictures.
+    pub quality: Quality,
     /// Picture width and height, pixels.
     pub resolution: [u32; 2],
     /// Frame counts.

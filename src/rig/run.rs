@@ -1,10 +1,13 @@
 //! The state of a run: composes each prepared frame, passes it to the outputs and counts it.
 
+mod recovery;
+
 use crate::context::RunContext;
 use crate::display::DisplayLatency;
 use crate::error::RigError;
 use crate::frame::{Counts, PreparedFrame};
 use crate::latency_monitor::LatencyState;
+use crate::light::blended::LightSpan;
 use crate::light::state::LightState;
 use crate::light::updates::SceneUpdates;
 use crate::planes::PlaneBakes;
@@ -12,7 +15,7 @@ use crate::poses::PoseFile;
 use crate::rates::Rates;
 use crate::report::{FrameCounts, InputCounts, Report, SkewMeter};
 use crate::scenes::Scenes;
-use crate::settings::{compositor_settings, exposure, live_settings};
+use crate::settings::{compositor_settings, exposure, live_settings, look};
 use crate::source::Source;
 use crate::status as published;
 use crate::status::Published;
@@ -45,6 +48,21 @@ pub(super) struct Outputs {
     pub display_latency: Arc<DisplayLatency>,
 }
 
+/// Compiles the compositor of a run on `gpu`.
+fn compositor(context: &RunContext, gpu: Gpu, writes_files: bool) -> Compositor {
+    let config = &context.config;
+    // Files can be compared; a viewer of the screen or the stream would rather not wait.
+    let reproducible = writes_files || context.is_unhurried();
+    let settings = compositor_settings(config, gpu.software, reproducible);
+    let response = context.setup.calibration.scene_camera.response.clone();
+    let mut compositor = Compositor::new(gpu, settings, response);
+    compositor.set_lens_output(match config.registration.distortion {
+        Distortion::Camera => LensOutput::Camera,
+        Distortion::Undistorted => LensOutput::Undistorted,
+    });
+    compositor
+}
+
 /// The state of a run.
 pub(super) struct Run {
     compositor: Compositor,
@@ -74,6 +92,8 @@ pub(super) struct Run {
     has_picture: bool,
     /// Whether the user has closed the screen.
     is_closed: bool,
+    /// Number of times that the graphics device was lost since the last composed picture.
+    successive_losses: u32,
 }
 
 impl Run {
@@ -87,14 +107,8 @@ impl Run {
         outputs: Outputs,
         scene_updates: SceneUpdates,
     ) -> Result<Self, RigError> {
-        let (config, setup) = (&context.config, &context.setup);
-        let settings = compositor_settings(config, context.source.is_live(), gpu.software);
-        let response = setup.calibration.scene_camera.response.clone();
-        let mut compositor = Compositor::new(gpu, settings, response);
-        compositor.set_lens_output(match config.registration.distortion {
-            Distortion::Camera => LensOutput::Camera,
-            Distortion::Undistorted => LensOutput::Undistorted,
-        });
+        let config = &context.config;
+        let mut compositor = compositor(context, gpu, outputs.folder.is_some());
         let scenes = Scenes::new(context, &mut compositor, scene_updates)?;
         let Outputs {
             screen,
@@ -121,13 +135,14 @@ impl Run {
             skew: SkewMeter::default(),
             rates: Rates::default(),
             light: LightState::default(),
-            planes: PlaneBakes::default(),
+            planes: PlaneBakes::new(context),
             follower: BrightestFollower::default(),
             brightest: BrightestLight::default(),
             lamps: Vec::new(),
             started: Instant::now(),
             has_picture: false,
             is_closed: false,
+            successive_losses: 0,
         })
     }
 
@@ -148,6 +163,18 @@ impl Run {
         context: &RunContext,
         prepared: &PreparedFrame,
     ) -> Result<(), RigError> {
+        while let Err(error) = self.try_compose(context, prepared) {
+            self.recover(context, error)?;
+        }
+        self.successive_losses = 0;
+        Ok(())
+    }
+
+    fn try_compose(
+        &mut self,
+        context: &RunContext,
+        prepared: &PreparedFrame,
+    ) -> Result<(), RigError> {
         let begun = Instant::now();
         self.stages.record("decode", prepared.decoding);
         self.stages.record("environment", prepared.lighting);
@@ -156,21 +183,23 @@ impl Run {
         self.scenes.update(
             context,
             &self.settings,
+            prepared.light.lighting.as_ref(),
             &mut self.planes,
             &mut self.compositor,
         )?;
         self.render(context, prepared)?;
         self.stages.record("composite", begun.elapsed());
         self.output(context, prepared)?;
-        self.send_pose(prepared);
-        if let Some(poses) = &mut self.poses {
-            poses.write(prepared)?;
-        }
         for (pass, millis) in self.compositor.pass_times() {
             let time = Duration::from_secs_f64(millis * 1e-3);
             self.stages.record_gpu(pass, time);
         }
         self.planes.count(&self.compositor)?;
+        // From here on nothing fails because of the device, so no pose is sent or written twice.
+        self.send_pose(prepared);
+        if let Some(poses) = &mut self.poses {
+            poses.write(prepared)?;
+        }
         self.stages.record("total", begun.elapsed());
         if context.source.is_live() {
             let latency = SystemClock
@@ -209,6 +238,13 @@ impl Run {
     /// # Errors
     /// The compositor fails.
     pub fn idle(&mut self, context: &RunContext, counts: &Counts) -> Result<(), RigError> {
+        while let Err(error) = self.try_idle(context, counts) {
+            self.recover(context, error)?;
+        }
+        Ok(())
+    }
+
+    fn try_idle(&mut self, context: &RunContext, counts: &Counts) -> Result<(), RigError> {
         if !self.has_picture {
             self.compose_black(context)?;
         }
@@ -261,6 +297,7 @@ impl Run {
             world_from_camera: prepared.world_from_camera,
             reprojection: prepared.display.map(|display| display.reprojection),
             lighting: prepared.light.lighting.as_deref(),
+            light_span: prepared.light.span.as_ref().map(LightSpan::ends),
             indirect_light: prepared
                 .light
                 .indirect
@@ -280,6 +317,7 @@ impl Run {
             planes: self.planes.choice(settings, self.scenes.shown()),
             exposure: exposure(settings, prepared.seconds),
             highlights: settings.exposure_highlights,
+            look: look(&context.config.look, &context.setup.calibration, prepared),
         })?;
         self.has_picture = true;
         Ok(())
@@ -384,7 +422,7 @@ impl Run {
                 path: session.path().to_owned(),
             });
         }
-        if self.frames.composed > 0 {
+        if self.frames.composed > 0 && self.has_picture {
             // The dashboard shows the last picture after the end of the run.
             self.publish_picture(context)?;
         }
@@ -404,6 +442,7 @@ impl Run {
             session: context.source.name(),
             truncated: matches!(&context.source, Source::Recorded(s) if s.truncated()),
             adapter: self.compositor.gpu().name.clone(),
+            quality: context.config.picture.quality,
             resolution: [width, height],
             frames: self.frames,
             inputs: self.inputs,

@@ -11,7 +11,7 @@ use crate::report::Report;
 use crate::run::{Outputs, Run};
 use crate::setup::RigSetup;
 use crate::source::Source;
-use penumbra_compositor::Gpu;
+use penumbra_compositor::{Gpu, GpuError};
 use penumbra_config::Config;
 use penumbra_output::Screen;
 use penumbra_output::files::FrameFolder;
@@ -61,6 +61,7 @@ impl Runner {
     /// or the system cannot start a thread; see [`RigError`].
     pub fn run(self, gpu: Gpu, screen: Option<Box<dyn Screen>>) -> Result<Report, RigError> {
         let context = &self.0;
+        check_lights(&gpu, context.config.environment.light_count)?;
         let folder = match &context.config.output.frames {
             Some(path) => Some(FrameFolder::create(path, context.options.force)?),
             None => None,
@@ -76,19 +77,23 @@ impl Runner {
             scene_updates: scene_updates.clone(),
             display_latency: display_latency.clone(),
         };
-        let stop = context.shutdown.clone();
         let preparation = Preparation::start_with(
             &context.setup,
             &context.config,
             &context.source,
             inputs,
-            stop,
+            context.shutdown.clone(),
         )?;
         // The devices are opened only when the preparation can take their deliveries.
         if let Source::Live(live) = &context.source {
             live.open()?;
         }
-        crate::status::begin(&context.status, &context.source, &context.setup, &gpu);
+        crate::status::begin(
+            &context.status,
+            &context.source,
+            &context.setup,
+            (&gpu, context.config.picture.quality),
+        );
         let mut notifier = Notifier::new();
         let outputs = Outputs {
             screen,
@@ -117,6 +122,20 @@ impl Runner {
         drop(preparation);
         run.into_report(context)
     }
+}
+
+/// Refuses more dome lights than the adapter can hold shadow maps for.
+fn check_lights(gpu: &Gpu, lights: u32) -> Result<(), GpuError> {
+    let max = gpu.max_lights();
+    if lights <= max {
+        return Ok(());
+    }
+    Err(GpuError::Unfit {
+        adapter: gpu.name.clone(),
+        reason: format!(
+            "environment.light_count: {lights} lights, and it can hold the shadow maps of {max}"
+        ),
+    })
 }
 
 /// Returns the one-line state of the run for the service manager.

@@ -9,10 +9,11 @@ use crate::setup::RigSetup;
 use glam::DQuat;
 use penumbra_compositor::Compositor;
 use penumbra_config::Config;
+use penumbra_lighting::Lighting;
 use penumbra_scene::Scene;
 use penumbra_scene::SceneChoice;
 use penumbra_status::{SceneStatus, Settings};
-use std::sync::Arc;
+use std::sync::{Arc, Mutex};
 
 /// The rendered scene and the one that will replace it.
 pub(super) struct Scenes {
@@ -52,7 +53,7 @@ impl Scenes {
                     shown: shown.clone(),
                     rig: context.setup.calibration.clone(),
                     config: context.config.clone(),
-                    uploader: compositor.uploader(),
+                    uploader: Arc::new(Mutex::new(compositor.uploader())),
                 })?)
             }
             SceneChoice::Session | SceneChoice::None => None,
@@ -68,6 +69,17 @@ impl Scenes {
         })
     }
 
+    /// Shows the scene with a new compositor, whose predecessor's device was lost.
+    pub fn upload_to(&mut self, compositor: &mut Compositor) {
+        compositor.set_scene(&self.shown, &penumbra_scene::casters(&self.shown));
+        if let Some(next) = &mut self.next {
+            next.upload_to(compositor);
+        }
+        if let Some(reload) = &self.reload {
+            reload.set_uploader(compositor.uploader());
+        }
+    }
+
     /// Returns the rendered scene.
     pub const fn shown(&self) -> &Arc<Scene> {
         &self.shown
@@ -79,22 +91,27 @@ impl Scenes {
     }
 
     /// Shows a changed scene as soon as it is loaded or, with shadowing planes, as soon as its bake
-    /// is ready or has failed.
+    /// is ready or has failed. `lighting` is the light of the next picture.
     pub fn update(
         &mut self,
         context: &RunContext,
         settings: &Settings,
+        lighting: Option<&Arc<Lighting>>,
         planes: &mut PlaneBakes,
         compositor: &mut Compositor,
     ) -> Result<(), RigError> {
         match self.reload.as_ref().and_then(Reload::poll) {
-            Some(ReloadOutcome::Loaded(loaded)) => self.set_next(context, loaded),
+            Some(ReloadOutcome::Loaded(mut loaded)) => {
+                loaded.upload_to(compositor);
+                self.set_next(context, loaded);
+            }
             Some(ReloadOutcome::Failed(reason)) => self.reject(context, reason),
             None => (),
         }
         let wanted = self.next.as_ref().map_or(&self.shown, |next| &next.scene);
         let wanted = wanted.clone();
-        if planes.update(context, settings, (&wanted, &self.shown), compositor)?
+        let scenes = (&wanted, &self.shown);
+        if planes.update(context, settings, scenes, lighting, compositor)?
             && let Some(next) = self.next.take()
         {
             compositor.show_scene(next.uploaded);

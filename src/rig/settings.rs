@@ -1,8 +1,9 @@
 //! Converts the configuration to settings of the compositor, the dashboard and the pairing.
 
+use crate::frame::PreparedFrame;
 use penumbra_compositor::exposure::AutoLimits;
-use penumbra_compositor::{CompositorSettings, Exposure};
-use penumbra_config::{Antialias, Config, ExposureMode, ReplaySpeed, ShadowResolution};
+use penumbra_compositor::{CompositorSettings, Exposure, Look};
+use penumbra_config::{Antialias, Config, ExposureMode, LookConfig, Quality};
 use penumbra_rig_model::RigCalibration;
 use penumbra_status::Settings;
 use penumbra_sync::PairingConfig;
@@ -50,40 +51,45 @@ pub(super) const fn exposure(settings: &Settings, seconds: f64) -> Exposure {
     }
 }
 
-/// Shadow map samples per light and point for soft shadows when rendering need not be real-time.
-const SOFT_SAMPLES: u32 = 4;
+/// Returns the camera's look on the virtual objects of a frame, as far as it is switched on and
+/// known.
+pub(super) fn look(config: &LookConfig, rig: &RigCalibration, prepared: &PreparedFrame) -> Look {
+    let camera = &rig.scene_camera;
+    Look {
+        // Equal in the live rig and in every replay.
+        picture: prepared.frame.scene.captured_at.as_nanos().unsigned_abs(),
+        noise: camera.noise.filter(|_| config.grain),
+        spread: camera.spread.filter(|_| config.softness),
+        depth_of_field: config.depth_of_field,
+        motion: prepared.exposure_motion,
+    }
+}
 
-/// Returns the compositor's settings. `is_live`: frames must keep up with the cameras; `software`:
-/// the adapter renders on the CPU.
+/// Returns the compositor's settings. `software`: the adapter renders on the CPU; `reproducible`:
+/// the same input must give the same bytes.
 pub(super) fn compositor_settings(
     config: &Config,
-    is_live: bool,
     software: bool,
+    reproducible: bool,
 ) -> CompositorSettings {
-    let automatic = CompositorSettings::for_adapter(software);
-    // A replay at maximum speed has no real-time deadline.
-    let is_offline = !is_live && config.replay.speed == ReplaySpeed::Max;
+    let automatic = match config.picture.quality {
+        Quality::Live => CompositorSettings::for_adapter(software),
+        Quality::Best => CompositorSettings::best(),
+    };
     CompositorSettings {
         light_budget: config.environment.light_count,
         shadow_map_size: config.shadows.map_size,
-        shadow_step: match config.shadows.resolution {
-            ShadowResolution::Auto if is_offline => 1,
-            ShadowResolution::Auto => automatic.shadow_step,
-            ShadowResolution::Full => 1,
-            ShadowResolution::Half => 2,
-            ShadowResolution::Quarter => 4,
-        },
         samples: match config.picture.antialias {
             Antialias::Msaa4 => 4,
             Antialias::Off => 1,
         },
         soft_samples: if config.shadows.soft {
-            automatic
-                .soft_samples
-                .max(if is_offline { SOFT_SAMPLES } else { 1 })
+            automatic.soft_samples
         } else {
             1
         },
+        cache_in_background: !reproducible,
+        ..automatic
     }
 }
 

@@ -11,6 +11,7 @@ use crate::setup::RigSetup;
 use crate::source::Source;
 use penumbra_compositor::Gpu;
 use penumbra_compositor::exposure::ActiveExposure;
+use penumbra_config::Quality;
 use penumbra_interface::DeviceKind;
 use penumbra_lighting::BrightestLight;
 use penumbra_status::planes::PlanesStatus;
@@ -22,6 +23,7 @@ use penumbra_status::{SceneStatus, Settings, SharedStatus, Snapshot, StageTimes}
 use penumbra_sync as sync;
 use penumbra_sync::RigFrame;
 use penumbra_white_balance::{MatchStatus, MethodStatus, Provenance};
+use std::time::Duration;
 
 /// Everything that a frame changes in the status.
 pub struct Published<'a> {
@@ -54,8 +56,12 @@ pub struct Published<'a> {
 }
 
 /// Publishes the state before the first frame.
-pub fn begin(status: &SharedStatus, source: &Source, setup: &RigSetup, gpu: &Gpu) {
-    let info = gpu.adapter.get_info();
+pub fn begin(
+    status: &SharedStatus,
+    source: &Source,
+    setup: &RigSetup,
+    (gpu, quality): (&Gpu, Quality),
+) {
     status.update(|s| {
         s.session.name = match source {
             Source::Recorded(_) => source.name(),
@@ -64,12 +70,31 @@ pub fn begin(status: &SharedStatus, source: &Source, setup: &RigSetup, gpu: &Gpu
         if !setup.calibrated {
             s.warn(UNCALIBRATED);
         }
+        s.adapter = adapter(gpu);
+        s.quality = quality;
+    });
+}
+
+/// Publishes that the graphics device was lost and replaced after `took` by `gpu`.
+pub fn recovered(status: &SharedStatus, gpu: &Gpu, text: &str, took: Duration) {
+    status.update(|s| {
+        s.warn(text);
         s.adapter = Adapter {
-            name: gpu.name.clone(),
-            backend: info.backend.to_string(),
-            kind: format!("{:?}", info.device_type),
+            losses: s.adapter.losses + 1,
+            recovery_seconds: Some(took.as_secs_f64()),
+            ..adapter(gpu)
         };
     });
+}
+
+fn adapter(gpu: &Gpu) -> Adapter {
+    let info = gpu.adapter.get_info();
+    Adapter {
+        name: gpu.name.clone(),
+        backend: info.backend.to_string(),
+        kind: format!("{:?}", info.device_type),
+        ..Adapter::default()
+    }
 }
 
 /// Warning of a live rig without a calibration.

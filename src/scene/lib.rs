@@ -51,7 +51,9 @@ pub use gltf_file::{Model, Playing, load_gltf, load_gltf_bytes};
 pub use gltf_lamp::ModelLamp;
 pub use gltf_motion::z_up_from_y_up;
 pub use ground_plane::GroundPlane;
-pub use indirect_light::{IndirectLight, IndirectLightSolver, PhantomRadiance};
+pub use indirect_light::{
+    IndirectLight, IndirectLightBlender, IndirectLightSolver, PhantomRadiance,
+};
 pub use lamps::{PlacedArea, PlacedLamp};
 pub use mesh::{Material, Mesh, Part, Phong, SceneTexture, Vertex};
 pub use motion::{Motion, Motions, Mover};

@@ -98,6 +98,30 @@ impl Material {
     }
 }
 
+impl Material {
+    /// Mean linear base colour over the texture.
+    #[must_use]
+    pub fn mean_base_colour(&self) -> Vec3 {
+        let texture = self.base_colour_texture.as_deref();
+        self.base_colour.truncate() * texture.map_or(Vec3::ONE, mean_colour)
+    }
+}
+
+/// Mean linear colour of an sRGB texture, from at most 64² of its texels.
+fn mean_colour(texture: &SceneTexture) -> Vec3 {
+    let texels = texture.rgba.len() / 4;
+    let step = (texels / 4096).max(1);
+    let linear = |c: u8| penumbra_camera::linear_from_srgb(f32::from(c) / 255.0);
+    let colours = texture.rgba.chunks_exact(4).step_by(step);
+    let (sum, count) = colours.fold((Vec3::ZERO, 0.0f32), |(sum, n), c| {
+        (
+            sum + Vec3::new(linear(c[0]), linear(c[1]), linear(c[2])),
+            n + 1.0,
+        )
+    });
+    sum / count.max(1.0)
+}
+
 impl Default for Material {
     fn default() -> Self {
         Self {

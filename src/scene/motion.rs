@@ -257,6 +257,16 @@ impl Motion {
         self.joints.iter().any(|j| matches!(j, Joint::Moving(_)))
     }
 
+    /// Time of the last key of all tracks, seconds.
+    #[must_use]
+    pub fn end(&self) -> f64 {
+        let ends = self.joints.iter().map(|joint| match joint {
+            Joint::Still(_) => 0.0,
+            Joint::Moving(track) => track.end(),
+        });
+        ends.fold(0.0, f64::max)
+    }
+
     /// Transform from the frame at the chain's end to that at its start, `seconds` after the
     /// session's start.
     #[must_use]

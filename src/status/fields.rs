@@ -313,7 +313,7 @@ pub const STATUS_FIELDS: &[(&str, &str)] = &[
     ),
     (
         "planes.total",
-        "Total number of lights to bake; null unless baking.",
+        "Total number of lights to bake, 0 while the planes are being chosen; null unless baking.",
     ),
     ("planes.reason", "Why baking failed; null otherwise."),
     ("planes.planes", "Number of baked planes."),
@@ -493,6 +493,18 @@ pub const STATUS_FIELDS: &[(&str, &str)] = &[
     ),
     ("adapter.backend", "`Vulkan`, `Metal`, …"),
     ("adapter.kind", "`DiscreteGpu`, `IntegratedGpu`, `Cpu`, …"),
+    (
+        "adapter.losses",
+        "Number of times that the graphics device was lost and opened again.",
+    ),
+    (
+        "adapter.recovery_seconds",
+        "Time from the last loss to the device that replaced it, seconds; `null` without a loss.",
+    ),
+    (
+        "quality",
+        "Quality of the pictures, `[picture] quality`: `live` or `best`.",
+    ),
     (
         "resolution.width",
         "Width of the composited picture, pixels.",

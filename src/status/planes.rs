@@ -12,7 +12,7 @@ pub enum PlanesState {
     Baking {
         /// Lights whose basis images are rendered.
         done: u32,
-        /// Total number of lights.
+        /// Total number of lights; 0 while the planes are being chosen.
         total: u32,
     },
     /// Basis images are summed in every frame.

@@ -9,6 +9,7 @@ use super::recording::Recording;
 use super::registration::RegistrationStatus;
 use super::settings::Settings;
 use super::times::StageTimes;
+use penumbra_config::Quality;
 use penumbra_interface::DeviceKind;
 use serde::Serialize;
 
@@ -52,6 +53,8 @@ pub struct Snapshot {
     pub devices: Vec<Device>,
     /// Graphics adapter.
     pub adapter: Adapter,
+    /// Quality of the pictures.
+    pub quality: Quality,
     /// Size of the composited picture.
     pub resolution: Resolution,
     /// Settings of the newest picture.
@@ -80,6 +83,7 @@ impl Default for Snapshot {
             recording: Recording::default(),
             devices: Vec::new(),
             adapter: Adapter::default(),
+            quality: Quality::default(),
             resolution: Resolution::default(),
             settings: Settings::default(),
             stream: Stream::default(),
@@ -542,6 +546,10 @@ pub struct Adapter {
     pub backend: String,
     /// `DiscreteGpu`, `IntegratedGpu`, `Cpu`, …
     pub kind: String,
+    /// Number of times that the device was lost and opened again.
+    pub losses: u64,
+    /// Time from the last loss to the device that replaced it, seconds.
+    pub recovery_seconds: Option<f64>,
 }
 
 /// Size of the composited picture, pixels.

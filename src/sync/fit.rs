@@ -78,6 +78,28 @@ pub(super) fn value_at_zero(
     finite.then_some(Fit { pose, noise_gain })
 }
 
+/// The mean of poses, each with the same weight. Rotations are averaged as rotation vectors from
+/// `reference`, which must be close to all of them. `None` without poses.
+pub(super) fn mean<'a>(
+    poses: impl Iterator<Item = &'a RigidTransform>,
+    reference: DQuat,
+) -> Option<Fit> {
+    let inverse = reference.inverse();
+    let (mut translation, mut rotation, mut count) = (DVec3::ZERO, DVec3::ZERO, 0.0);
+    for pose in poses {
+        translation += pose.translation;
+        rotation += rotation_vector(inverse * pose.rotation);
+        count += 1.0;
+    }
+    (count > 0.0).then(|| Fit {
+        pose: RigidTransform::new(
+            (reference * DQuat::from_scaled_axis(rotation / count)).normalize(),
+            translation / count,
+        ),
+        noise_gain: 1.0 / count,
+    })
+}
+
 /// Minimum determinant of the scaled moments; below it the readings are too close together to
 /// determine the polynomial.
 const MIN_DETERMINANT: f64 = 1e-9;
@@ -119,28 +141,43 @@ fn solve(
 }
 
 /// Estimates the variance of one reading's noise (metres², radians²; summed over the axes) from third
-/// differences of neighbours, in which a smooth motion almost vanishes, while white noise of variance
-/// σ² gives 20 σ² per axis. `None` below four readings.
+/// divided differences of neighbours, scaled to the variance of a reading: any motion of constant
+/// acceleration vanishes in them, also where the times are irregular. Readings are in order of time.
+/// `None` below four.
 pub(super) fn noise_variance<'a>(
-    poses: impl Iterator<Item = &'a RigidTransform> + Clone,
+    readings: impl Iterator<Item = (f64, &'a RigidTransform)> + Clone,
 ) -> Option<[f64; 2]> {
-    let reference = poses.clone().next()?.rotation.inverse();
-    let mut recent = [[DVec3::ZERO; 2]; 4];
+    let reference = readings.clone().next()?.1.rotation.inverse();
+    let mut recent = [(0.0, [DVec3::ZERO; 2]); 4];
     let (mut sums, mut count) = ([0.0; 2], 0);
-    for (i, pose) in poses.enumerate() {
+    for (i, (time, pose)) in readings.enumerate() {
         recent.rotate_left(1);
-        recent[3] = [pose.translation, rotation_vector(reference * pose.rotation)];
+        let turned = rotation_vector(reference * pose.rotation);
+        recent[3] = (time, [pose.translation, turned]);
         if i < 3 {
             continue;
         }
-        let [a, b, c, d] = recent;
+        let weights = third_difference(recent.map(|(time, _)| time));
         for (axis, sum) in sums.iter_mut().enumerate() {
-            let third = d[axis] - 3.0 * c[axis] + 3.0 * b[axis] - a[axis];
-            *sum += third.length_squared() / 20.0;
+            let terms = recent.iter().zip(weights);
+            let third: DVec3 = terms.map(|((_, value), w)| w * value[axis]).sum();
+            *sum += third.length_squared();
         }
         count += 1;
     }
     (count > 0).then(|| sums.map(|sum| sum / f64::from(count)))
+}
+
+/// Weights of values at four increasing times in their third divided difference; the sum of their
+/// squares is 1.
+fn third_difference(times: [f64; 4]) -> [f64; 4] {
+    let span = times[3] - times[0];
+    let weights: [f64; 4] = std::array::from_fn(|i| {
+        let others = (0..4).filter(|j| *j != i);
+        others.map(|j| span / (times[i] - times[j])).product()
+    });
+    let norm = weights.iter().map(|w| w * w).sum::<f64>().sqrt();
+    weights.map(|w| w / norm)
 }
 
 #[cfg(test)]
@@ -215,13 +252,23 @@ mod tests {
             .map(|i| {
                 let t = f64::from(i) * 0.01;
                 let place = DVec3::new(t, t * t, alternating(i));
-                RigidTransform::new(DQuat::from_rotation_z(t), place)
+                (t, RigidTransform::new(DQuat::from_rotation_z(t), place))
             })
             .collect();
-        let [moved, turned] = noise_variance(poses.iter()).unwrap();
+        let poses: Vec<_> = poses.iter().map(|(t, pose)| (*t, pose)).collect();
+        let [moved, turned] = noise_variance(poses.iter().copied()).unwrap();
         // Third differences of ±1 are ±8, so the estimate is 64 / 20.
         assert!((moved / 1e-6 - 3.2).abs() < 1e-6 && turned < 1e-20);
-        assert_eq!(noise_variance(poses[..3].iter()), None);
+        assert_eq!(noise_variance(poses[..3].iter().copied()), None);
+    }
+
+    #[test]
+    fn irregular_times_of_smooth_motion_are_no_noise() {
+        let times = [0.0, 0.003, 0.02, 0.021, 0.05, 0.08, 0.081];
+        let bend = |t: f64| RigidTransform::new(DQuat::IDENTITY, DVec3::X * (t + 4.0 * t * t));
+        let poses = times.map(|t| (t, bend(t)));
+        let [moved, _] = noise_variance(poses.iter().map(|(t, p)| (*t, p))).unwrap();
+        assert!(moved < 1e-20, "{moved}");
     }
 
     #[test]

@@ -1,11 +1,13 @@
 //! The pose history of a tracked sensor: readings, and poses between them. `forecast` predicts poses
-//! beyond the newest reading.
+//! beyond the newest reading, `rest` steadies those of a sensor that does not move.
 
 mod forecast;
+mod rest;
 
 use super::fit::{Degree, Fit, Reading, noise_variance, value_at_zero};
 use forecast::ErrorHistory;
 use penumbra_interface::{MonotonicTime, RigidTransform};
+use rest::Estimate;
 use std::collections::VecDeque;
 
 /// How the pose at an instant is computed from readings.
@@ -104,6 +106,13 @@ pub enum Pushed {
 struct Sample {
     measured_at: MonotonicTime,
     pose: RigidTransform,
+}
+
+impl Sample {
+    /// The time since `time`, seconds, and the pose.
+    fn relative_pose(&self, time: MonotonicTime) -> (f64, &RigidTransform) {
+        (self.measured_at.seconds_since(time), &self.pose)
+    }
 }
 
 /// Number of successive consistent outliers that restart the history.
@@ -282,22 +291,24 @@ impl PoseHistory {
         next: &Sample,
         provenance: Provenance,
     ) -> PoseAt {
+        let newest = MonotonicTime::from_nanos(i64::MAX);
         let smoothed = match self.config.smoothing {
             Smoothing::None => None,
             Smoothing::Local {
                 half_window_nanos,
                 degree,
-            } => self.smooth(time, half_window_nanos, degree, previous),
+            } => self
+                .smooth((time, newest), (half_window_nanos, degree), previous)
+                .map(|local| self.at_rest((time, newest), half_window_nanos, local).0),
         };
         let before = time.nanos_since(previous.measured_at);
         let after = next.measured_at.nanos_since(time);
         PoseAt {
             transmitter_from_sensor: smoothed
-                .map_or_else(|| interpolate(time, previous, next), |(fit, _)| fit.pose),
+                .map_or_else(|| interpolate(time, previous, next), |found| found.pose),
             provenance,
             age_nanos: before.min(after),
-            sigma: smoothed
-                .map(|(fit, noise)| noise.map(|variance| (fit.noise_gain * variance).sqrt())),
+            sigma: smoothed.map(|found| found.variance.map(f64::sqrt)),
         }
     }
 
@@ -306,37 +317,38 @@ impl PoseHistory {
     /// A wider window removes more noise but distorts fast motion. So the window is doubled as long
     /// as the wider one's result is within the remaining noise of the narrower one's (Goldenshluger
     /// & Nemirovski 1997, intersection of confidence intervals, with two neighbours only).
+    ///
+    /// Readings after `newest` are ignored.
     fn smooth(
         &self,
-        time: MonotonicTime,
-        half_window: i64,
-        degree: Degree,
+        (time, newest): (MonotonicTime, MonotonicTime),
+        (half_window, degree): (i64, Degree),
         near: &Sample,
-    ) -> Option<(Fit, [f64; 2])> {
-        let widest = self.samples_within(time, half_window);
-        let noise = noise_variance(widest.map(|sample| &sample.pose))?;
+    ) -> Option<Estimate> {
+        let widest = self.samples_within((time, newest), half_window);
+        let noise = noise_variance(widest.map(|s| s.relative_pose(time)))?;
         let mut best: Option<Fit> = None;
         for narrowing in [4, 2, 1] {
-            let fit = self.fit_window(time, half_window / narrowing, degree, near);
+            let fit = self.fit_window((time, newest), half_window / narrowing, degree, near);
             match (best, fit) {
                 (Some(narrow), Some(wide)) if !is_consistent(&narrow, &wide, noise) => break,
                 (_, Some(_)) => best = fit,
                 (_, None) => {}
             }
         }
-        best.map(|fit| (fit, noise))
+        best.map(|fit| Estimate::of(&fit, noise))
     }
 
     /// Least squares over one window. At the newest end, where readings are on one side only, a line
     /// is fitted, because a parabola would triple the noise.
     fn fit_window(
         &self,
-        time: MonotonicTime,
+        (time, newest): (MonotonicTime, MonotonicTime),
         half_window: i64,
         degree: Degree,
         near: &Sample,
     ) -> Option<Fit> {
-        let window = self.samples_within(time, half_window);
+        let window = self.samples_within((time, newest), half_window);
         let newer = window.clone().filter(|s| s.measured_at > time).count();
         let older = window.clone().filter(|s| s.measured_at < time).count();
         let degree = match (older, newer) {
@@ -359,11 +371,18 @@ impl PoseHistory {
 
     fn samples_within(
         &self,
-        time: MonotonicTime,
+        (time, newest): (MonotonicTime, MonotonicTime),
         half_window: i64,
     ) -> impl Iterator<Item = &Sample> + Clone {
-        let start = time.offset_nanos(-half_window);
-        let end = time.offset_nanos(half_window);
+        let end = time.offset_nanos(half_window).min(newest);
+        self.samples_between(time.offset_nanos(-half_window), end)
+    }
+
+    fn samples_between(
+        &self,
+        start: MonotonicTime,
+        end: MonotonicTime,
+    ) -> impl Iterator<Item = &Sample> + Clone {
         let first = self.samples.partition_point(|s| s.measured_at < start);
         let last = self.samples.partition_point(|s| s.measured_at <= end);
         self.samples.range(first..last.max(first))

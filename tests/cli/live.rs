@@ -123,11 +123,21 @@ pub fn device(status: &Value, kind: &str) -> Value {
         .clone()
 }
 
-/// Counts the frames in `live` that differ from those in `replayed`.
+/// Counts the frames in `live` that differ from those in `replayed` in more than one of 2000 codes.
+/// On a software driver, a light's shadows are drawn again only when it has turned a little, which
+/// may be at a picture that the live rig had skipped.
 fn different(desk: &Desk, live: &str, replayed: &str) -> usize {
     let same = |name: &&String| {
-        let path = |folder: &str| Path::new(folder).join(name);
-        desk.read(path(live)) == desk.read(path(replayed))
+        let codes = |folder: &str| {
+            let png = desk.read(Path::new(folder).join(name));
+            image::load_from_memory(&png)
+                .unwrap()
+                .into_rgb8()
+                .into_raw()
+        };
+        let (a, b) = (codes(live), codes(replayed));
+        let differ = a.iter().zip(&b).filter(|(a, b)| a != b).count();
+        a.len() == b.len() && 2000 * differ <= a.len()
     };
     let names = desk.names(live);
     assert!(names.len() >= 25);

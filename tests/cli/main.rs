@@ -19,5 +19,6 @@ mod service;
 mod sessions;
 mod setups;
 mod simulate;
+mod technique;
 mod tools;
 mod window;

@@ -7,7 +7,7 @@ use std::process::Child;
 use std::time::{Duration, Instant};
 
 /// A running program and its address; the program ends with the test.
-struct Running(Child, String);
+pub struct Running(Child, String);
 
 impl Drop for Running {
     fn drop(&mut self) {
@@ -17,9 +17,13 @@ impl Drop for Running {
 }
 
 impl Running {
-    fn start(desk: &Desk, options: &str) -> Self {
+    pub fn start(desk: &Desk, options: &str) -> Self {
         let (child, address) = looping_with(desk, options);
         Self(child, address)
+    }
+
+    pub fn address(&self) -> &str {
+        &self.1
     }
 
     fn status(&self) -> Value {
@@ -29,7 +33,7 @@ impl Running {
     }
 
     /// Waits until a condition on the status holds; returns the status.
-    fn until(&self, what: &str, holds: impl Fn(&Value) -> bool) -> Value {
+    pub fn until(&self, what: &str, holds: impl Fn(&Value) -> bool) -> Value {
         let begun = Instant::now();
         loop {
             let status = self.status();
@@ -43,7 +47,7 @@ impl Running {
     }
 }
 
-fn scene(boxes: [f64; 2], model: &str) -> String {
+pub fn scene(boxes: [f64; 2], model: &str) -> String {
     let cube = |x: f64| {
         format!(
             "[[object]]\nshape = \"box\"\nsize_m = [0.05, 0.05, 0.05]\nposition_m = [{x}, 0, 0]\n"

@@ -151,7 +151,8 @@ fn bench_measures_capture_per_thread_without_a_gpu() {
 #[test]
 fn bench_measures_the_latency_of_live_pictures() {
     let desk = Desk::new();
-    let printed = desk.works("bench --case live --session DESK --frames 5 --json live.json");
+    let printed =
+        desk.works("bench --case live --session DESK --size 320x180 --frames 5 --json live.json");
     assert!(printed.contains("arrival to picture"), "{printed}");
     let report = desk.json("live.json");
     let rows = report["live"].as_array().unwrap();
@@ -159,6 +160,7 @@ fn bench_measures_the_latency_of_live_pictures() {
     assert_eq!(lights, [8, 8, 8, 64].map(Some));
     for row in rows {
         let ms = |part: &str| row[part]["p50"].as_f64().unwrap();
+        assert_eq!((&row["width"], &row["height"]), (&320.into(), &180.into()));
         assert!(row["composed"].as_u64() >= Some(5), "{row}");
         assert!(row["frames_per_second"].as_f64() > Some(0.0), "{row}");
         let (arrival, total) = (ms("arrival_to_picture_ms"), ms("total_ms"));

@@ -104,14 +104,11 @@ fn rectangle_lights_the_table_from_near_and_far() {
             DVec2::new(0.3, 0.2),
             strong * share,
         );
-        for step in [1, 4] {
-            let mut stage = table(vec![lamp.clone()]);
-            stage.settings.shadow_step = step;
-            let picture = stage.compose();
-            for at in [[0.0, 0.0], [0.1, 0.05], [-0.1, -0.1], [0.2, 0.15]] {
-                let at = Vec3::new(at[0], at[1], 0.0);
-                assert_linear(&stage, &picture, at, lit(&stage, at), 2);
-            }
+        let stage = table(vec![lamp.clone()]);
+        let picture = stage.compose();
+        for at in [[0.0, 0.0], [0.1, 0.05], [-0.1, -0.1], [0.2, 0.15]] {
+            let at = Vec3::new(at[0], at[1], 0.0);
+            assert_linear(&stage, &picture, at, lit(&stage, at), 2);
         }
     }
 }
@@ -427,11 +424,7 @@ fn shadow_softness_follows_the_rectangles_size() {
         (0.3, DVec3::new(0.3, 0.0, 0.4), 2.0),
         (0.3, DVec3::new(0.25, 0.0, 0.15), 0.7),
     ] {
-        for (soft, step, mean, max_error) in [
-            (1, 1, 0.04, 0.2),
-            (4, 1, 0.04, 0.2),
-            (1, 4, 0.05, f32::INFINITY),
-        ] {
+        for soft in [1, 4] {
             let lamp = area(
                 position,
                 DVec3::ZERO,
@@ -446,19 +439,19 @@ fn shadow_softness_follows_the_rectangles_size() {
                 } else {
                     stage.with_virtual(part.clone())
                 };
-                (stage.settings.soft_samples, stage.settings.shadow_step) = (soft, step);
+                stage.settings.soft_samples = soft;
                 stage.camera = crate::stage::camera(320, 240);
                 stage.picture = flat(320, 240, [90, 80, 70]);
                 let stage = with_lamps(stage, vec![lamp.clone()]);
                 let (found, worst) = shadow_error(&stage, cuboid);
                 println!(
-                    "{size} m at {position}, {soft} look-ups, step {step}, phantom {phantom}: {found:.4}, maximum {worst:.3}"
+                    "{size} m at {position}, {soft} look-ups, phantom {phantom}: {found:.4}, maximum {worst:.3}"
                 );
                 if std::env::var_os("PENUMBRA_KEEP").is_some() {
-                    let name = format!("area-{size}-{}-{soft}-{step}-{phantom}", position.z);
+                    let name = format!("area-{size}-{}-{soft}-{phantom}", position.z);
                     crate::comparison::keep(&name, &stage.compose());
                 }
-                failed |= found >= mean || worst >= max_error;
+                failed |= found >= 0.04 || worst >= 0.2;
             }
         }
     }

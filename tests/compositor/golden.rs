@@ -162,7 +162,7 @@ fn golden_glossy_sphere_and_a_real_box() {
         roughness: 0.25,
         ..Material::default()
     };
-    let mut stage = golden_stage()
+    let stage = golden_stage()
         .with_virtual(painted(
             primitives::sphere(0.07, 96, 48),
             DVec3::new(0.0, 0.0, 0.07),
@@ -172,8 +172,6 @@ fn golden_glossy_sphere_and_a_real_box() {
             primitives::cuboid(Vec3::new(0.05, 0.03, 0.06)),
             DVec3::new(0.06, -0.1, 0.0),
         ));
-    // Coarse shadows here, fine ones in the test above.
-    stage.settings.shadow_step = 2;
     assert_golden("glossy-ball", &stage.compose());
 }
 

@@ -27,7 +27,7 @@ fn lamps(count: usize) -> Vec<PlacedLamp> {
         .collect()
 }
 
-fn desk(shadow_step: u32) -> Stage {
+fn desk() -> Stage {
     let mut stage = Stage::new(640, 480)
         .with_virtual(part(
             primitives::sphere(0.05, 48, 24),
@@ -44,7 +44,6 @@ fn desk(shadow_step: u32) -> Stage {
         .lit(lighting(vec![cell(Vec3::Z, Vec3::new(2.0, 1.8, 1.5))], 0.0));
     stage.picture = flat(640, 480, [90, 80, 70]);
     stage.pose = Some(looking_from(DVec3::new(0.05, -0.7, 0.6), DVec3::ZERO));
-    stage.settings.shadow_step = shadow_step;
     stage
 }
 
@@ -89,17 +88,16 @@ fn cost_of_lamps_by_number() {
     ];
     type Lamps = fn(usize) -> Vec<PlacedLamp>;
     let kinds: [(&str, Lamps); 2] = [("lamps", lamps), ("areas", areas)];
-    // The live settings on a software driver, full resolution, and full resolution with soft
-    // shadows.
-    for (step, soft, (kind, lamps)) in [(4, 1), (1, 1), (1, 4)]
+    // Hard and soft shadows.
+    for (soft, (kind, lamps)) in [1, 4]
         .into_iter()
-        .flat_map(|(step, soft)| kinds.map(|kind| (step, soft, kind)))
+        .flat_map(|soft| kinds.map(|kind| (soft, kind)))
     {
         for count in [0, 1, 2, 4, 8, 16, 32] {
-            if step == 1 && count > 8 && kind == "areas" {
+            if count > 8 && kind == "areas" {
                 continue;
             }
-            let mut stage = desk(step);
+            let mut stage = desk();
             stage.settings.soft_samples = soft;
             stage.lamps = lamps(count);
             let cost = cost(&stage);
@@ -110,7 +108,7 @@ fn cost_of_lamps_by_number() {
                 .map(|c| c.1)
                 .sum();
             println!(
-                "step {step}, {soft} look-ups, {count} {kind}: {sum:.1} ms; {}",
+                "{soft} look-ups, {count} {kind}: {sum:.1} ms; {}",
                 each.join(", ")
             );
         }

@@ -177,7 +177,7 @@ fn added_light_is_tinted_by_the_phantoms_albedo() {
 }
 
 /// Real and virtual boxes, two lamps, a sun.
-fn furnished(step: u32) -> Stage {
+fn furnished() -> Stage {
     let lights = vec![
         sun(Vec3::new(0.5, -0.2, 0.8), Vec3::new(1.2, 1.1, 1.0)),
         cell(Vec3::Z, Vec3::new(0.5, 0.6, 0.7)),
@@ -201,19 +201,17 @@ fn furnished(step: u32) -> Stage {
         point(Vec3::new(-0.25, 0.15, 0.2), Vec3::new(0.02, 0.04, 0.08)),
         spot,
     ];
-    stage.settings.shadow_step = step;
     stage
 }
 
 #[test]
 fn every_pixel_matches_the_twin() {
-    for (name, step, mode) in [
-        ("response-fine", 1, ShadowMode::Ratio),
-        ("response-coarse", 2, ShadowMode::Ratio),
-        ("response-subtract", 1, ShadowMode::Subtract),
+    for (name, mode) in [
+        ("response", ShadowMode::Ratio),
+        ("response-subtract", ShadowMode::Subtract),
     ] {
         for paper in [true, false] {
-            let mut stage = furnished(step);
+            let mut stage = furnished();
             stage.mode = mode;
             if !paper {
                 stage.lamp_response = LampResponse::Intrinsic;
@@ -229,7 +227,7 @@ fn every_pixel_matches_the_twin() {
 
 #[test]
 fn light_is_added_in_the_shown_exposure() {
-    let mut stage = furnished(1);
+    let mut stage = furnished();
     stage.exposure = Exposure::Stops(-1.0);
     let rule = Rule {
         slack: 3,
@@ -240,7 +238,7 @@ fn light_is_added_in_the_shown_exposure() {
 
 #[test]
 fn every_code_stays_without_active_lamps() {
-    let mut full = furnished(1);
+    let mut full = furnished();
     full.scene.virtual_parts.clear();
     full.picture = noise(128, 96);
     let mut compositor = full.compositor();
@@ -270,7 +268,7 @@ fn every_code_stays_without_active_lamps() {
 
 #[test]
 fn switching_the_response_leaves_no_trace() {
-    let mut stage = furnished(2);
+    let mut stage = furnished();
     let paper = stage.compose();
     let mut compositor = stage.compositor();
     let there = stage.lamp_response;

@@ -16,6 +16,7 @@ mod lamp_response;
 mod lamps;
 mod lens;
 mod light_probe;
+mod look;
 mod moving;
 mod plane_sources;
 mod planes;

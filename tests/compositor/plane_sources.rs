@@ -5,8 +5,8 @@ use crate::comparison::{Rule, assert_like, assert_same_where, strays, untouched}
 use crate::planes::{EXACT, baked, compose, cube, lit_by, planes, stage_with};
 use crate::stage::{Stage, gpu, sun};
 use glam::{Quat, Vec3};
-use penumbra_compositor::Compositor;
 use penumbra_compositor::planes::{PlaneWork, SourceBaker};
+use penumbra_compositor::{Compositor, CompositorSettings};
 use penumbra_lighting::Lighting;
 use penumbra_lighting::geodesic::{Face, FaceLight, FaceSource, GeodesicDome};
 use penumbra_picture::Picture;
@@ -187,6 +187,27 @@ fn shadow_moves_smoothly_across_an_edge_between_faces() {
     // The images have followed the source.
     assert!(ours.last().unwrap().1.source_images > 3 * planes().len() as u64);
     assert!(ours.iter().all(|(_, work)| work.sources == 1));
+}
+
+/// On software drivers the surface cache casts the shadow of a moving sun, and at best quality
+/// pictures wait for its images: in both the shadow lies where the sun is.
+#[test]
+fn shadow_of_a_moving_sun_does_not_lag() {
+    let path = path(8, 3.0);
+    let strays_with = |change: fn(&mut CompositorSettings)| {
+        let mut stage = stage_in(sunny(path[0], 1));
+        change(&mut stage.settings);
+        let mut ours = compositor(&stage);
+        let (last, work) = pictures(&mut ours, &mut stage, &path).pop().unwrap();
+        assert_eq!(work.sources, 1);
+        strays(&last, &stage.twin(), 2, 8)
+    };
+    let lagging = strays_with(|_| ());
+    let on_surfaces = strays_with(|settings| settings.cached = true);
+    let waiting = strays_with(|settings| settings.waits_for_sources = true);
+    assert!(lagging > 50, "{lagging}");
+    assert!(10 * on_surfaces < lagging, "{on_surfaces} {lagging}");
+    assert!(10 * waiting < lagging, "{waiting} {lagging}");
 }
 
 #[test]

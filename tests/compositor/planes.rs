@@ -342,6 +342,45 @@ fn share_off(a: &Picture, b: &Picture) -> f64 {
     count as f64 / a.rgba.len() as f64
 }
 
+/// Light that software drivers keep on surfaces is that of the planes of every pixel, for every
+/// viewer, also after pictures with shadow maps.
+#[test]
+fn planes_on_surfaces_give_the_light_of_pixels() {
+    let wall = part(
+        primitives::cuboid(Vec3::new(0.3, 0.02, 0.25)),
+        DVec3::new(0.0, 0.12, 0.0),
+    );
+    let mut stage = stage_with(&sky()).with_phantom(wall);
+    let all = || {
+        let centre = DVec3::new(0.0, 0.105, 0.125);
+        let on_wall = ShadowingPlane {
+            receiver: Receiver::Surface,
+            parts: vec![1],
+            ..rectangle(centre, DVec3::X, DVec3::Z, 0.16, Layer::Real)
+        };
+        planes().into_iter().chain([on_wall]).collect()
+    };
+    let turned = RigidTransform::new(DQuat::from_rotation_z(1.9), DVec3::ZERO);
+    let behind = stage.pose.map(|pose| turned * pose);
+    let before = std::mem::replace(&mut stage.pose, behind);
+    let (expected_behind, _) = compose(&mut compositor(&stage, all()), &stage, EXACT);
+    stage.pose = before;
+    let (expected, _) = compose(&mut compositor(&stage, all()), &stage, EXACT);
+    assert!(share_off(&expected, &expected_behind) > 0.05);
+
+    stage.settings.cached = true;
+    let mut kept = compositor(&stage, all());
+    let (front, _) = compose(&mut kept, &stage, EXACT);
+    assert!(share_off(&front, &expected) < 0.02);
+    stage.pose = behind;
+    let (picture, work) = compose(&mut kept, &stage, EXACT);
+    assert_eq!(work.images, 0, "no plane is out of sight of a surface");
+    assert!(share_off(&picture, &expected_behind) < 0.02);
+    kept.compose(&stage.input()).unwrap();
+    let (again, _) = compose(&mut kept, &stage, EXACT);
+    assert_eq!(again, picture);
+}
+
 /// A model that is rotated and moved over the ground, under rotated light and seen by a camera that
 /// moves with it, looks as before; nothing is baked again.
 #[test]

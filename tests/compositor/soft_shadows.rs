@@ -29,10 +29,35 @@ fn stage() -> Stage {
     stage
 }
 
+/// How much further pictures with the surface cache may be off than those with shadow maps.
+const CACHED: f64 = 1.2;
+
+/// Compares pictures with shadow maps and with the surface cache. `largest` and `mean` are the
+/// tolerances for shadow maps, codes.
 fn assert_close(name: &str, stage: &Stage, on_virtual: bool, largest: f64, mean: f64) {
-    let (ours, mut twin) = (stage.compose(), stage.soft_twin(64));
+    let twin = stage.soft_twin(64);
+    let mut stage = stage.clone();
+    let kinds = [
+        (false, name.to_owned(), largest),
+        (true, format!("{name}-cached"), CACHED * largest),
+    ];
+    for (cached, name, largest) in kinds {
+        stage.settings.cached = cached;
+        let ours = stage.compose();
+        assert_picture(&name, &ours, twin.clone(), on_virtual, largest, mean);
+    }
+}
+
+fn assert_picture(
+    name: &str,
+    ours: &Picture,
+    mut twin: ReferencePicture,
+    on_virtual: bool,
+    largest: f64,
+    mean: f64,
+) {
     if !on_virtual {
-        replace_virtual(&ours, &mut twin);
+        replace_virtual(ours, &mut twin);
     }
     let calm = away_from_edges(&twin, 2);
     let worst = (0..calm.len())
@@ -43,7 +68,7 @@ fn assert_close(name: &str, stage: &Stage, on_virtual: bool, largest: f64, mean:
         })
         .max()
         .unwrap();
-    let squares = square_differences(&ours, &twin.picture);
+    let squares = square_differences(ours, &twin.picture);
     let average = squares.iter().map(|s| s.1).sum::<f64>() / squares.len() as f64;
     let far = squares.iter().max_by(|a, b| a.1.total_cmp(&b.1)).unwrap();
     eprintln!(
@@ -52,7 +77,7 @@ fn assert_close(name: &str, stage: &Stage, on_virtual: bool, largest: f64, mean:
     );
     if worst.0 > 5 || far.1 > largest || average > mean {
         keep(&format!("{name}-twin"), &twin.picture);
-        let kept = keep(&format!("{name}-ours"), &ours);
+        let kept = keep(&format!("{name}-ours"), ours);
         panic!(
             "{name}: {} codes off at {:?} away from any edge, {:.1} around {:?}, {average:.2} on \
              average\n{kept:?}",

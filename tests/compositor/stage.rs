@@ -4,7 +4,7 @@ use glam::{DMat3, DMat4, DQuat, DVec2, DVec3, Vec3};
 use penumbra_camera::{PinholeCamera, Response, RollingShutter, Vignetting};
 use penumbra_compositor::reference::{Reference, ReferencePicture};
 use penumbra_compositor::{
-    Compositor, CompositorSettings, Exposure, FrameInput, Gpu, Refresh, Reprojection,
+    Compositor, CompositorSettings, Exposure, FrameInput, Gpu, Look, Refresh, Reprojection,
 };
 use penumbra_interface::{MonotonicTime, RigidTransform};
 use penumbra_lighting::{CubeMap, DomeLight, Harmonics, LightKind, Lighting};
@@ -17,15 +17,21 @@ use std::f32::consts::PI;
 use std::sync::{Arc, OnceLock};
 
 /// The software driver, so that pictures are the same on all machines; `PENUMBRA_TEST_ADAPTER`
-/// selects another.
+/// selects another. With no more than the required limits, so that a pass that needs more fails.
 pub fn gpu() -> Gpu {
     static GPU: OnceLock<Gpu> = OnceLock::new();
     let adapter = std::env::var("PENUMBRA_TEST_ADAPTER").unwrap_or_else(|_| "llvmpipe".to_owned());
-    GPU.get_or_init(|| match Gpu::open(Some(&adapter)) {
+    GPU.get_or_init(|| match Gpu::open_least(Some(&adapter)) {
         Ok(gpu) => gpu,
         Err(error) => panic!("{error}\n`make test` installs the software driver"),
     })
     .clone()
+}
+
+/// The same adapter with all its limits, for more dome lights than every adapter can hold.
+pub fn gpu_with_all_limits() -> Gpu {
+    let adapter = std::env::var("PENUMBRA_TEST_ADAPTER").unwrap_or_else(|_| "llvmpipe".to_owned());
+    Gpu::open(Some(&adapter)).unwrap()
 }
 
 /// All inputs of a frame.
@@ -52,6 +58,7 @@ pub struct Stage {
     pub highlights: Highlights,
     pub lamp_response: LampResponse,
     pub brightest: Vec3,
+    pub look: Look,
 }
 
 impl Stage {
@@ -82,14 +89,14 @@ impl Stage {
             settings: CompositorSettings {
                 light_budget: 8,
                 shadow_map_size: 512,
-                shadow_step: 1,
-                samples: 4,
                 soft_samples: 1,
+                ..CompositorSettings::for_adapter(false)
             },
             exposure: Exposure::Camera,
             highlights: Highlights::Estimated,
             lamp_response: LampResponse::Intrinsic,
             brightest: Vec3::ZERO,
+            look: Look::default(),
         }
     }
 
@@ -127,6 +134,7 @@ impl Stage {
             world_from_camera: self.pose,
             reprojection: self.reprojection,
             lighting: self.lighting.as_ref(),
+            light_span: None,
             indirect_light: self.near.as_ref(),
             lamps: &self.lamps,
             lamp_response: self.lamp_response,
@@ -138,11 +146,18 @@ impl Stage {
             planes: None,
             exposure: self.exposure,
             highlights: self.highlights,
+            look: self.look,
         }
     }
 
     pub fn compositor(&self) -> Compositor {
-        let mut compositor = Compositor::new(gpu(), self.settings.clone(), self.response.clone());
+        let lights = self.settings.light_budget;
+        let gpu = if lights > gpu().max_lights() {
+            gpu_with_all_limits()
+        } else {
+            gpu()
+        };
+        let mut compositor = Compositor::new(gpu, self.settings.clone(), self.response.clone());
         compositor.set_scene(&self.scene, &casters(&self.scene));
         compositor
     }

@@ -55,14 +55,11 @@ fn white_and_mirrors_show_a_uniform_sky() {
     let radiance = 0.5;
     let code = Response::srgb().code_from_linear(radiance);
     for (name, material) in [("white", matt(Vec3::ONE)), ("mirror", metal(0.0))] {
-        for step in [1, 2] {
-            let mut stage = Stage::new(96, 72)
-                .without_ground()
-                .with_virtual(sphere(material.clone()))
-                .lit(even_sky(radiance));
-            stage.settings.shadow_step = step;
-            assert_even(name, &stage, code - 2, code + 1);
-        }
+        let stage = Stage::new(96, 72)
+            .without_ground()
+            .with_virtual(sphere(material.clone()))
+            .lit(even_sky(radiance));
+        assert_even(name, &stage, code - 2, code + 1);
     }
     // Rough metal may lose light reflected between its facets, but never gains any.
     for roughness in [0.2, 0.5, 1.0] {
@@ -93,7 +90,7 @@ fn ground_as_bright_as_the_sky_changes_nothing() {
 
 #[test]
 fn surfaces_are_lit_and_shadow_themselves_and_each_other() {
-    for (step, samples) in [(1, 1), (1, 4), (2, 4)] {
+    for samples in [1, 4] {
         let mut lights = spiral(6, 1.2);
         lights.push(sun(Vec3::new(-0.5, -0.6, 0.8), Vec3::new(1.0, 0.9, 0.8)));
         let mut stage = Stage::new(128, 96)
@@ -112,10 +109,10 @@ fn surfaces_are_lit_and_shadow_themselves_and_each_other() {
                 DVec3::new(-0.09, 0.02, 0.02),
             ))
             .lit(lighting(lights, 0.0));
-        (stage.settings.shadow_step, stage.settings.samples) = (step, samples);
-        let name = format!("surfaces-{step}-{samples}");
+        stage.settings.samples = samples;
+        let name = format!("surfaces-{samples}");
         let rule = Rule {
-            reach: 1 + step,
+            reach: 2,
             slack: 6,
             calm: 0.1,
             ..RULE
@@ -125,14 +122,14 @@ fn surfaces_are_lit_and_shadow_themselves_and_each_other() {
 }
 
 #[test]
-fn coarse_light_does_not_bleed_across_creases() {
+fn light_does_not_bleed_across_creases() {
     // Light from straight above: the top is bright, the sides are black.
     let light = lighting(vec![sun(Vec3::Z, Vec3::splat(2.0))], 0.0);
     let mut stage = Stage::new(96, 72)
         .without_ground()
         .with_virtual(part(primitives::cuboid(Vec3::splat(0.1)), DVec3::ZERO))
         .lit(light);
-    (stage.settings.shadow_step, stage.settings.samples) = (2, 1);
+    stage.settings.samples = 1;
     let (ours, twin) = (stage.compose(), stage.twin());
     for i in inside(&twin) {
         let (rgb, expected) = (codes(&ours, i), codes(&twin.picture, i));
@@ -405,15 +402,12 @@ fn wires_and_objects_behind_the_camera_are_lit_correctly() {
             primitives::cuboid(Vec3::new(0.02, 0.5, 0.1)),
             DVec3::new(-0.12, 0.0, -0.02),
         ));
-    for step in [1, 2] {
-        (stage.settings.shadow_step, stage.settings.samples) = (step, 1);
-        let rule = Rule {
-            reach: 1 + step,
-            slack: 4,
-            calm: 0.1,
-            ..RULE
-        };
-        let name = format!("wires-{step}");
-        assert_like(&name, &stage.compose(), &stage.twin(), rule);
-    }
+    stage.settings.samples = 1;
+    let rule = Rule {
+        reach: 2,
+        slack: 4,
+        calm: 0.1,
+        ..RULE
+    };
+    assert_like("wires", &stage.compose(), &stage.twin(), rule);
 }

@@ -15,6 +15,8 @@ from pathlib import Path
 from tables import RESULTS, write_between
 
 HEADING = "| adapter | size | lights | maps per frame | frames/s | wall ms p50 | p99 | GPU ms p50 | p99 | longest passes, ms |"
+LIVE_HEADING = ("| live rig | size | lights | samples a pixel | waits for poses, ms | frames/s | arrival to picture, ms p50 | p99 "
+                "| compose, ms p50 | p99 |")
 
 
 def row(adapter: str, r: dict) -> str:
@@ -29,16 +31,26 @@ def row(adapter: str, r: dict) -> str:
         size, work = f"{r['case']}, {size}, {r['triangles']:,} triangles", f"{work}; {lamps}, light from the {r['environment']}"
         if r["processor_ms"]:
             work += f"; {r['processor_ms']:.0f} ms of processor time"
-        longest = [next(p for p in r["stages"] if p["name"] == "light"), *longest]
+        # Light that is computed beside the pictures is not a stage of theirs.
+        longest = [*(p for p in r["stages"] if p["name"] == "light"), *longest]
     cells = [adapter, size, r["lights"], work, f"{r['fps']:.1f}"]
     cells += [f"{r[kind][q]:.2f}" for kind in ("wall_ms", "gpu_ms") for q in ("p50", "p99")]
     return "| " + " | ".join(map(str, [*cells, ", ".join(f"{p['name']} {p['ms']:.2f}" for p in longest)])) + " |"
 
 
+def live_row(adapter: str, r: dict) -> str:
+    """One line of the table of live rigs."""
+    times = [f"{r[kind][q]:.1f}" for kind in ("arrival_to_picture_ms", "total_ms") for q in ("p50", "p99")]
+    cells = [adapter, f"{r['width']}×{r['height']}", r["lights"], r["samples"], f"{r['max_wait_ms']:.0f}", f"{r['frames_per_second']:.1f}", *times]
+    return "| " + " | ".join(map(str, cells)) + " |"
+
+
 def table(files: list[Path]) -> str:
     """All rows of all files."""
     reports = [json.loads(file.read_text()) for file in files]
-    return "\n".join([HEADING, "|---" * 10 + "|", *(row(report["adapter"], r) for report in reports for r in report["rows"])])
+    live = [live_row(report["adapter"], r) for report in reports for r in report["live"]]
+    lines = [HEADING, "|---" * 10 + "|", *(row(report["adapter"], r) for report in reports for r in report["rows"])]
+    return "\n".join(lines + (["", LIVE_HEADING, "|---" * 10 + "|", *live] if live else []))
 
 
 def options() -> argparse.Namespace:

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Tests of judge.py, colour.py, fidelity.py, rigs.py and tables.py.
+"""Tests of judge.py, colour.py, fidelity.py, rigs.py, tables.py, bench_compare.py and gpu_check.py.
 
     tests/judge/judge_test.py [-v]
 
@@ -17,6 +17,7 @@ import unittest
 from pathlib import Path
 
 import fidelity
+import gpu_check
 from python_env import ROOT, Unavailable, python_with, run_with
 
 try:
@@ -27,6 +28,7 @@ except Unavailable as error:
 import numpy as np  # noqa: E402
 from PIL import Image  # noqa: E402
 
+import bench_compare  # noqa: E402
 import colour  # noqa: E402
 import judge  # noqa: E402
 import rigs  # noqa: E402
@@ -165,16 +167,29 @@ class Bundled(Scratch):
 
 class Bars(unittest.TestCase):
     WITHOUT = {"s_err": 0.3, "dE": 10.0}
-    GOOD = {"s_err": 0.09, "s_bias": -0.01, "dE": 4.0, "dE_object": 4.0}
+    GOOD = {"s_err": 0.09, "s_bias": -0.01, "dE": 4.0, "dE_object": 4.0, "bad": 2.0}
 
     def reached(self, gains: list[float] | None = None, name: str = "desk", **worse: float) -> bool:
-        return fidelity.bars_table([fidelity.Result(name, {"image-based-shadowing": self.GOOD | worse, "without": self.WITHOUT}, gains)])[1]
+        return fidelity.bars_table([fidelity.Result(name, {"image-based-shadowing, best": self.GOOD | worse, "without": self.WITHOUT}, gains)])[1]
 
     def test_each_limit_can_be_exceeded(self) -> None:
         self.assertTrue(self.reached([1.0, 0.0, -2.0]))
         self.assertFalse(self.reached([0.0, 0.0, -3.1]))
         for column, worse in (("s_err", 0.11), ("s_bias", -0.02), ("s_bias", 0.02), ("dE", 4.6), ("dE_object", 5.1)):
             self.assertFalse(self.reached(**{column: worse}), column)
+
+    def test_live_quality_is_held_to_the_best(self) -> None:
+        best = self.GOOD | {"s_err": 0.08}
+
+        def table(**worse: float) -> tuple[str, bool]:
+            rows = {"image-based-shadowing, best": best, "image-based-shadowing, live": best | worse, "without": self.WITHOUT}
+            return fidelity.bars_table([fidelity.Result("desk", rows, None)])
+        text, good = table(bad=2.3)
+        self.assertTrue(good, text)
+        self.assertEqual(text.count("aim missed"), 1)
+        self.assertIn("| desk | bad %, live | 2.3000 | 1.0000 | 2.30 | aim missed |", text)
+        for column, worse in (("s_err", 0.095), ("bad", 2.5), ("dE_object", 4.3)):
+            self.assertFalse(table(**{column: worse})[1], column)
 
     def test_virtual_lamps_have_separate_limits(self) -> None:
         self.assertTrue(self.reached(name="desk-lamp", l_err=0.07, dE_lit=2.0))
@@ -195,6 +210,128 @@ class Tables(Scratch):
         for mark in ("fidelity", "bench", "calibration"):
             page = (tables.RESULTS / f"{mark}.md").read_text()
             self.assertLess(page.index(f"<!-- {mark}:begin -->"), page.index(f"<!-- {mark}:end -->"))
+
+
+class Comparison(Scratch):
+    """Programs that print fixed times instead of measuring them."""
+
+    def program(self, name: str, cases: dict[str, list[float]]) -> bench_compare.Side:
+        """A program whose n-th run of a case takes the n-th of its times."""
+        script = self.folder / name
+        script.write_text(f"""#!{sys.executable}
+import json, pathlib, sys
+case, report = sys.argv[sys.argv.index("--case") + 1], sys.argv[sys.argv.index("--json") + 1]
+cases = {cases!r}
+if case not in cases:
+    sys.exit("error: invalid value '" + case + "' for '--case <NAME>'")
+runs = pathlib.Path({str(self.folder / name)!r} + "-" + case)
+run = int(runs.read_text()) if runs.exists() else 0
+runs.write_text(str(run + 1))
+with open({str(self.folder / "order")!r}, "a") as order:
+    order.write({name[0]!r})
+ms = cases[case][run]
+row = dict(case=case, width=8, height=6, lights=4, refreshed_per_frame=1, planes=0, light_changes=False, triangles=5, lamps=0,
+           environment=None, wall_ms=dict(p50=ms, p99=ms), passes=[dict(name="composite", ms=ms / 2), dict(name="tiles", ms=1.0)])
+json.dump(dict(rows=[row], live=[]), open(report, "w"))
+""")
+        script.chmod(0o755)
+        return bench_compare.Side(name, script)
+
+    def test_ratio_is_taken_pair_by_pair_in_alternating_order(self) -> None:
+        # The machine becomes four times slower, and the new program is always 10 % slower.
+        machine = [10.0, 20.0, 40.0, 40.0, 40.0, 40.0]
+        new = self.program("new", {"supan": [1.1 * ms for ms in machine]})
+        old = self.program("old", {"supan": machine})
+        text = bench_compare.compare(new, old, ["supan"], 6, [])
+        self.assertIn("| supan 8×6, 4 lights, 1 redrawn, 5 triangles | 40.00 | 44.00 | 1.100 | 1.100 to 1.100 (97 %) | slower | composite 20.00 → 22.00", text)
+        self.assertEqual((self.folder / "order").read_text(), "onno" * 3)
+
+    def test_missing_case_and_missing_row_are_named(self) -> None:
+        new, old = self.program("new", {"supan": [1.0, 1.0], "live": [1.0]}), self.program("old", {"supan": [2.0, 0.5]})
+        text = bench_compare.compare(new, old, ["supan", "live"], 2, [])
+        self.assertIn("| live | | | | | old: has no such case | |", text)
+        self.assertIn("no difference seen", text)
+        self.assertEqual(text.count("| live"), 1)
+        del old.runs[next(iter(old.runs))]
+        self.assertIn("old has no such row", bench_compare.table(new, old))
+
+    def test_interval_of_the_median(self) -> None:
+        low, high, confidence = bench_compare.interval([float(i) for i in range(1, 11)])
+        # Published: the 2nd and 9th of 10 enclose the median with 97.9 %.
+        self.assertEqual((low, high), (2.0, 9.0))
+        self.assertAlmostEqual(confidence, 0.979, places=3)
+        self.assertEqual(bench_compare.interval([2.0, 1.0]), (1.0, 2.0, 0.5))
+        self.assertEqual(bench_compare.interval([2.0]), (2.0, 2.0, 0.0))
+
+    def test_faulty_input_is_refused(self) -> None:
+        with self.assertRaisesRegex(bench_compare.Failed, "REV"):
+            bench_compare.build("", self.folder)
+        with self.assertRaisesRegex(bench_compare.Failed, "git rev-parse"):
+            bench_compare.build("no-such-revision", self.folder)
+        broken = self.folder / "broken"
+        broken.write_text("#!/bin/sh\necho 'error: no graphics adapter' >&2; exit 1\n")
+        broken.chmod(0o755)
+        side = bench_compare.Side("broken", broken)
+        text = bench_compare.compare(side, self.program("old", {"supan": [1.0]}), ["supan"], 3, [])
+        self.assertIn("broken: no graphics adapter", text)
+
+
+class GraphicsCheck(Scratch):
+    """A program that prints fixed times."""
+
+    def report(self, software: bool, gpu_ms: float, fails: str = "none") -> tuple[str, bool]:
+        program = self.folder / "penumbra"
+        program.write_text(f"""#!{sys.executable}
+import json, sys
+if "{fails}" in sys.argv:
+    sys.exit("error: the device burns")
+if sys.argv[1] == "doctor":
+    print("all is well")
+    sys.exit()
+ms = dict(p50={gpu_ms}, p99=9.0)
+row = dict(case="supan", width=8, height=6, lights=64, refreshed_per_frame=64, planes=0, light_changes=False, triangles=5, lamps=0,
+           environment=None, processor_ms=None, fps=1.0, wall_ms=dict(p50=3.0, p99=9.0), gpu_ms=ms, stages=[],
+           passes=[dict(name="composite", ms={gpu_ms})])
+live = dict(width=8, height=6, lights=64, samples=4, max_wait_ms=20.0, frames_per_second=30.0, arrival_to_picture_ms=dict(p50=20.5, p99=33.0), total_ms=ms)
+report = dict(adapter="Test Adapter", software={software}, rows=[row], live=[live])
+json.dump(report, open(sys.argv[sys.argv.index("--json") + 1], "w"))
+""")
+        program.chmod(0o755)
+        a = argparse.Namespace(penumbra=program, adapter=None, short=True, out=self.folder / "out", truth=self.folder)
+        good = gpu_check.check(a, gpu_check.steps(a))
+        self.assertEqual(gpu_check.adapter_name(a), "llvmpipe" if fails == "supan" else "Test Adapter")
+        return (a.out / "report.md").read_text(), good
+
+    def test_report_has_all_sections(self) -> None:
+        text, good = self.report(software=False, gpu_ms=0.7)
+        self.assertTrue(good, text)
+        for part in ("all is well", "| Test Adapter | 8×6 | 64 | 64 |", "median 0.70 ms on the device; allowed 1.0 ms, aim 0.5 ms.", "| 30.0 | 20.50 | 33.00 |"):
+            self.assertIn(part, text)
+
+    def test_missed_bar_fails_on_a_gpu_only(self) -> None:
+        text, good = self.report(software=False, gpu_ms=1.1)
+        self.assertFalse(good)
+        self.assertIn("median 1.10 ms on the device; allowed 1.0 ms.", text)
+        text, good = self.report(software=True, gpu_ms=200.0)
+        self.assertTrue(good, text)
+
+    def test_wall_time_counts_without_time_stamps(self) -> None:
+        text, good = self.report(software=False, gpu_ms=0.0)
+        self.assertFalse(good)
+        self.assertIn("median 3.00 ms of wall time, because the adapter has no time stamps", text)
+
+    def test_failed_step_is_reported_and_others_run(self) -> None:
+        text, good = self.report(software=True, gpu_ms=5.0, fails="live")
+        self.assertFalse(good)
+        self.assertIn("**Not passed** (exit status 1): `error: the device burns`", text)
+        self.assertIn("## Benchmark supan", text)
+        text, good = self.report(software=True, gpu_ms=5.0, fails="supan")
+        self.assertFalse(good)
+        self.assertIn("## Latency of a live rig\n\n| size", text)
+
+    def test_tests_are_summed(self) -> None:
+        text = gpu_check.tests_section("test a::b ... ok\ntest a::c ... FAILED\ntest result: FAILED. 1 passed; 1 failed\n")
+        self.assertEqual(text, "- test result: FAILED. 1 passed; 1 failed\n- failed: `a::c`")
 
 
 class Agreement(Scratch):

@@ -49,3 +49,51 @@ pub fn spawn<T: Send + 'static>(
 ) -> io::Result<JoinHandle<T>> {
     Builder::new().name(name.to_owned()).spawn(job)
 }
+
+/// Number of processors that the program may use.
+#[must_use]
+pub fn processors() -> usize {
+    std::thread::available_parallelism().map_or(1, std::num::NonZero::get)
+}
+
+/// Does a `job` for each of `items` and returns when all are done; with several items, on as many
+/// threads as the machine has processors.
+pub fn for_each<T: Send>(items: Vec<T>, job: impl Fn(T) + Sync) {
+    let workers = processors().min(items.len());
+    if workers < 2 {
+        items.into_iter().for_each(job);
+        return;
+    }
+    let waiting = std::sync::Mutex::new(items.into_iter());
+    let next = || waiting.lock().ok().and_then(|mut items| items.next());
+    let work = || {
+        while let Some(item) = next() {
+            job(item);
+        }
+    };
+    std::thread::scope(|scope| {
+        for _ in 1..workers {
+            scope.spawn(work);
+        }
+        work();
+    });
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::atomic::{AtomicUsize, Ordering};
+
+    #[test]
+    fn every_item_is_done_once() {
+        for count in [0, 1, 2, 100] {
+            let mut done = vec![0; count];
+            let calls = AtomicUsize::new(0);
+            super::for_each(done.iter_mut().collect(), |item| {
+                *item += 1;
+                calls.fetch_add(1, Ordering::Relaxed);
+            });
+            assert_eq!(done, vec![1; count]);
+            assert_eq!(calls.into_inner(), count);
+        }
+    }
+}

@@ -3,7 +3,8 @@
 //! In the order of data flow: `detect` and `tag_finder` find corners and tags, `tags` and `layout`
 //! assign them to the points of a `board`, `view_collector` selects views, `initial_estimate`,
 //! `bundle` and `outliers` estimate the lens (`estimate`), `coverage`, `rim`, `evidence` and
-//! `consistency_checks` assess it (`findings`, `assessment`), `step` and `report` present it.
+//! `consistency_checks` assess it (`findings`, `assessment`), `sharpness` measures the spread of a
+//! point on the board's edges, `step` and `report` present it.
 
 pub mod assessment;
 pub mod board;
@@ -20,6 +21,7 @@ mod outliers;
 mod pose;
 pub mod report;
 pub mod rim;
+pub mod sharpness;
 pub mod step;
 pub mod tag_finder;
 pub mod tags;

@@ -5,6 +5,7 @@ use super::board::Board;
 use super::detect::Grey;
 use super::estimate::Options;
 use super::report;
+use super::sharpness::{Sharpness, SharpnessGatherer};
 use super::view_collector::{AssessedLens, Outcome, PictureResult, ViewCollector};
 use crate::intrinsics::KnownLenses;
 use crate::intrinsics::consistency_checks::inconsistencies;
@@ -12,9 +13,11 @@ use crate::step::{
     CalibrationProvenance, CameraRole, Finished, Progress, Step, StepInput, StepInputs,
 };
 use crate::summary::{Findings, grade};
+use penumbra_camera::Response;
 use penumbra_picture::Picture;
 use penumbra_rig_model::DeviceRecord;
 use penumbra_rig_model::Grade;
+use penumbra_rig_model::RigDocument;
 use penumbra_rig_model::lens_record::LensRecord;
 use std::fmt::Write;
 
@@ -35,6 +38,8 @@ pub struct IntrinsicsStep {
     options: Options,
     present: KnownLenses,
     collector: ViewCollector,
+    sharpness: SharpnessGatherer,
+    response: Response,
     pictures: usize,
     last: Option<PictureResult>,
     intermediate: Option<(AssessedLens, Assessment)>,
@@ -52,6 +57,8 @@ impl IntrinsicsStep {
             options,
             present,
             collector: ViewCollector::new(board),
+            sharpness: SharpnessGatherer::default(),
+            response: Response::srgb(),
             pictures: 0,
             last: None,
             intermediate: None,
@@ -59,13 +66,30 @@ impl IntrinsicsStep {
         }
     }
 
+    /// Measures the sharpness in the tone curve of the rig's camera; by default sRGB.
+    #[must_use]
+    pub fn with_rig(mut self, rig: &RigDocument) -> Self {
+        let scene = &rig.calibration.scene_camera.response;
+        let environment = rig.calibration.environment.as_ref();
+        let response = match self.camera {
+            CameraRole::Scene => Some(scene),
+            CameraRole::Environment => environment.map(|e| &e.response),
+        };
+        self.response.clone_from(response.unwrap_or(scene));
+        self
+    }
+
     /// Detects the board in a picture and keeps it as a view; `name` identifies the view in the
     /// report.
     pub fn add_picture(&mut self, name: &str, picture: &Picture) {
         self.pictures += 1;
-        let result = self
-            .collector
-            .add_picture(name, &Grey::from_picture(picture));
+        let grey = Grey::from_picture(picture);
+        let result = self.collector.add_picture(name, &grey);
+        if let (PictureResult::Added { .. }, Some(view)) = (result, self.collector.views().last()) {
+            let points = &view.points;
+            self.sharpness
+                .add(&grey, points, &self.board, &self.response);
+        }
         self.last = Some(result);
         let views = self.collector.views().len();
         if views >= self.next {
@@ -169,10 +193,12 @@ impl IntrinsicsStep {
             outcome.pictures, outcome.views, self.board
         )];
         lines.extend(outcome.result.iter().flat_map(report::lines));
+        let sharpness = self.sharpness.finish();
+        lines.extend(sharpness.as_ref().map(Sharpness::line));
         Finished {
             grade,
             lines,
-            file: self.file(outcome, &findings, made),
+            file: self.file(outcome, &findings, sharpness, made),
             findings,
             hints: outcome.assessment.hints.clone(),
             report: String::new(),
@@ -183,6 +209,7 @@ impl IntrinsicsStep {
         &self,
         outcome: &Outcome,
         findings: &[(Grade, String)],
+        sharpness: Option<Sharpness>,
         made: &CalibrationProvenance,
     ) -> Option<String> {
         if findings.first().is_some_and(|f| f.0 == Grade::Refused) {
@@ -202,6 +229,7 @@ impl IntrinsicsStep {
                 serial: made.serial.clone(),
             }),
             source: made.source.clone(),
+            sharpness: sharpness.map(|s| s.record()),
             quality,
             ..record
         };

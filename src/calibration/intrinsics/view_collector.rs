@@ -106,6 +106,7 @@ impl Outcome {
             distortion: named(&lens.coefficients),
             max_theta: assessed.rim.map(|rim| rim.known),
             sigma,
+            sharpness: None,
             quality: Some(QualityRecord {
                 verdict: self.assessment.grade.name().to_owned(),
                 findings: self

@@ -101,7 +101,12 @@ impl IntrinsicsArgs {
         let present_lenses = rig
             .as_ref()
             .map_or_else(KnownLenses::default, KnownLenses::from_rig);
-        self.with_corners(&mut self.step(present_lenses), |step| {
+        let step = self.step(present_lenses);
+        let mut step = match &rig {
+            Some(rig) => step.with_rig(rig),
+            None => step,
+        };
+        self.with_corners(&mut step, |step| {
             self.output.run_step(Some(path), None, step)
         })
     }

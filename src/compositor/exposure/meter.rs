@@ -127,14 +127,9 @@ impl Meter {
     }
 
     /// Uploads how shadows and lamps change the picture of the next measurement.
-    pub fn upload(&self, queue: &wgpu::Queue, subtract: bool, shadow_step: u32, lamps_apart: bool) {
+    pub fn upload(&self, queue: &wgpu::Queue, subtract: bool, lamps_apart: bool) {
         let uniform = MeterUniform {
-            how: [
-                u32::from(subtract),
-                shadow_step.ilog2(),
-                u32::from(lamps_apart),
-                0,
-            ],
+            how: [u32::from(subtract), 0, u32::from(lamps_apart), 0],
         };
         queue.write_buffer(&self.uniform, 0, bytemuck::bytes_of(&uniform));
     }

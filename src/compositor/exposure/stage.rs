@@ -42,8 +42,6 @@ struct ExposedPasses {
 pub struct MeteredFrame {
     /// Whether shadows are subtracted instead of multiplied.
     pub subtract: bool,
-    /// Picture pixels per texel of the shadow buffer, each way.
-    pub shadow_step: u32,
     /// Whether the light of virtual lights is kept in a texture apart from the shadow buffer.
     pub lamps_apart: bool,
 }
@@ -157,10 +155,9 @@ impl ExposureStage {
         if let Some(meter) = self.meter.as_ref().filter(|_| self.is_metering) {
             let MeteredFrame {
                 subtract,
-                shadow_step,
                 lamps_apart,
             } = metered;
-            meter.upload(queue, subtract, shadow_step, lamps_apart);
+            meter.upload(queue, subtract, lamps_apart);
         }
     }
 

@@ -15,9 +15,9 @@ const NOTHING_VIRTUAL: f32 = 0.5;
 
 /// The pass.
 pub struct CompositePass {
-    /// For tiles without virtual surfaces; then, for tiles with some: the background, pixels that
-    /// one surface covers, pixels on outlines.
-    pipelines: [wgpu::RenderPipeline; 4],
+    /// For tiles without virtual surfaces, without and with edges; then, for tiles with some: the
+    /// background without and with edges, pixels that one surface covers, pixels on outlines.
+    pipelines: [wgpu::RenderPipeline; 6],
     picture: CachedGroup,
     surfaces: CachedGroup,
     light: CachedGroup,
@@ -31,6 +31,8 @@ pub struct CompositeInputs<'a> {
     pub real: RealPicture<'a>,
     pub surfaces: Surfaces<'a>,
     pub light: SurfaceLight<'a>,
+    /// Tiles in which edges of the real scene matter.
+    pub edge_tiles: &'a FrameTexture,
     /// The real picture as virtual objects reflect it.
     pub surroundings: &'a SurroundingsPictures,
     /// The environment as virtual objects reflect it.
@@ -42,10 +44,11 @@ impl CompositePass {
         let module = shaders::module(device, "composite", variant);
         let (u, i) = (Slot::Unfilterable, Slot::Integer);
         let (packed, depth) = Slot::sampled(variant.samples);
-        let slots = [u, Slot::Uniform, u, i, u, i, i, i, u];
+        let slots = [u, Slot::Uniform, u, i, u, i, i, i, u, i];
         let picture = CachedGroup::from_slots(device, "composite picture", &slots);
-        let slots = [packed, packed, depth];
-        let surfaces = CachedGroup::from_slots(device, "composite surfaces", &slots);
+        let slots = [packed, packed, depth, packed];
+        let slots = &slots[..if variant.cached { 4 } else { 3 }];
+        let surfaces = CachedGroup::from_slots(device, "composite surfaces", slots);
         let (texture, cube) = (Slot::Texture, Slot::Cube);
         let slots = [Slot::Sampler, cube, texture, texture, cube, Slot::Uniform];
         let light = CachedGroup::from_slots(device, "composite light", &slots);
@@ -67,7 +70,14 @@ impl CompositePass {
         };
         let pipelines = [
             build("real_tile", "real", Compare::Always, false),
+            build("real_edge_tile", "real_by_edge", Compare::Always, false),
             build("background_tile", "background", Compare::Always, true),
+            build(
+                "background_edge_tile",
+                "background_by_edge",
+                Compare::Always,
+                true,
+            ),
             build("interior_tile", "interior", Compare::Less, false),
             build("outline_tile", "outline", Compare::Greater, false),
         ];
@@ -144,9 +154,12 @@ impl CompositePass {
             view(&covered_tiles.view),
             view(&tiles.virtual_surface.lamps.view),
             view(&inputs.light.lamp_light.view),
+            view(&inputs.edge_tiles.view),
         ];
         let [first, second] = &virtual_surfaces.surface;
-        let surfaces = [first, second, &virtual_surfaces.depth].map(|t| view(&t.view));
+        let surfaces = [first, second, &virtual_surfaces.depth].into_iter();
+        let surfaces = surfaces.chain(virtual_surfaces.place.as_ref());
+        let surfaces: Vec<_> = surfaces.map(|t| view(&t.view)).collect();
         let gloss = inputs.gloss;
         let light = [
             sampler(&self.smooth),

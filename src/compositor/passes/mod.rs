@@ -10,12 +10,14 @@
 //! | [`virtual_geometry`] | shape and material of virtual objects |
 //! | [`tiles`] | the lights that affect each tile |
 //! | [`shadow_buffer`] | light that surfaces lose |
+//! | [`edge_tiles`] | the tiles in which edges of the real scene matter |
 //! | [`lamp_response`] | light that virtual lights add, by the paper's response |
 //! | [`surroundings`] | the shadowed real picture for reflections |
 //! | [`composite`] | the finished picture |
 //! | [`present`] | the finished picture on a window |
 
 pub mod composite;
+pub mod edge_tiles;
 pub mod exposure;
 pub mod lamp_map;
 pub mod lamp_response;

@@ -1,6 +1,6 @@
 //! Draws the depth and the normals of the phantoms (proxies of the real scene).
 
-use super::super::bindings::{DepthTest, PipelineSpec, VERTEX_LAYOUT};
+use super::super::bindings::{CACHED_VERTEX_LAYOUT, DepthTest, PipelineSpec, VERTEX_LAYOUT};
 use super::super::recorder::{Recorder, cleared, cleared_depth};
 use super::super::scene_buffers::{SceneBuffers, SceneLayouts};
 use super::super::shaders;
@@ -17,14 +17,19 @@ pub struct PhantomPictures {
     pub normal: FrameTexture,
     /// Reversed depth.
     pub depth: FrameTexture,
+    /// Places in the surface cache, if there is one.
+    pub place: Option<FrameTexture>,
 }
 
 impl PhantomPictures {
-    pub fn new(device: &wgpu::Device, size: (u32, u32)) -> Self {
+    /// `cached`: with places in the surface cache.
+    pub fn new(device: &wgpu::Device, size: (u32, u32), cached: bool) -> Self {
         let normal = format::PHANTOM_NORMAL;
+        let place = || FrameTexture::new(device, "phantom place", size, format::PLACE, DRAWN);
         Self {
             normal: FrameTexture::new(device, "phantom normal", size, normal, DRAWN),
             depth: FrameTexture::new(device, "phantom depth", size, format::DEPTH, DRAWN),
+            place: cached.then(place),
         }
     }
 }
@@ -42,9 +47,17 @@ impl PhantomGeometryPass {
             module: &module,
             groups: &[frame, &scene.parts],
             vertex: "phantom_vertex",
-            buffers: &[VERTEX_LAYOUT],
+            buffers: if variant.cached {
+                &CACHED_VERTEX_LAYOUT
+            } else {
+                &[VERTEX_LAYOUT]
+            },
             fragment: Some("phantom_fragment"),
-            targets: &[format::PHANTOM_NORMAL],
+            targets: if variant.cached {
+                &[format::PHANTOM_NORMAL, format::PLACE]
+            } else {
+                &[format::PHANTOM_NORMAL]
+            },
             colours: wgpu::ColorWrites::ALL,
             depth: Some(DepthTest::NEAREST),
             cull: Some(wgpu::Face::Back),
@@ -62,9 +75,13 @@ impl PhantomGeometryPass {
         scene: &SceneBuffers,
         output: &'a PhantomPictures,
     ) -> &'a PhantomPictures {
+        let targets = [
+            cleared(&output.normal.view),
+            output.place.as_ref().and_then(|place| cleared(&place.view)),
+        ];
         let mut pass = r.encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
             label: Some("phantom_geometry"),
-            color_attachments: &[cleared(&output.normal.view)],
+            color_attachments: &targets[..1 + usize::from(output.place.is_some())],
             depth_stencil_attachment: cleared_depth(&output.depth.view, 0.0),
             timestamp_writes: r.timer.span("phantom_geometry", true, true),
             ..Default::default()

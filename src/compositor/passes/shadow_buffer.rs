@@ -3,7 +3,7 @@
 use super::super::bindings::{CachedGroup, DepthTest, PipelineSpec, Slot, sampler, view};
 use super::super::recorder::{Recorder, bind_all, cleared_depth, colour};
 use super::super::shaders::{self, Variant};
-use super::super::textures::{DRAWN, FrameTexture, coarse_size, format};
+use super::super::textures::{DRAWN, FrameTexture, format, tile_grid};
 use super::phantom_geometry::PhantomPictures;
 use super::shadow_map::DomeShadowMaps;
 use super::tiles::TilePictures;
@@ -13,9 +13,13 @@ use wgpu::{ColorWrites, CompareFunction as Compare};
 /// The pass, with the shadow maps of the dome lights.
 pub struct ShadowBufferPass {
     by_maps: MarkedPasses,
+    /// With light from the surface cache; in place of `by_maps` if the variant is cached.
+    by_cache: Option<MarkedPasses>,
     maps: CachedGroup,
     surfaces: CachedGroup,
     compare: wgpu::Sampler,
+    /// Whether the light on virtual surfaces is a part of the buffer.
+    virtual_too: bool,
 }
 
 /// The passes of both layers of the shadow buffer, for either source of shadows.
@@ -24,13 +28,14 @@ pub struct MarkedPasses {
     virtual_light: Marked,
 }
 
-/// A pipeline that marks texels, and one that computes the marked texels.
+/// A pipeline that marks texels, and one that computes the marked texels; or one that computes all
+/// texels of some tiles.
 struct Marked {
-    mark: wgpu::RenderPipeline,
+    mark: Option<wgpu::RenderPipeline>,
     work: wgpu::RenderPipeline,
 }
 
-/// Lost light of real surfaces and remaining light of virtual ones, one texel per shadow step.
+/// Lost light of real surfaces and remaining light of virtual ones, one texel per pixel.
 pub struct ShadowPictures {
     /// Factor on the real picture, or the light that is subtracted from it.
     pub phantom_shadow: FrameTexture,
@@ -41,9 +46,8 @@ pub struct ShadowPictures {
 }
 
 impl ShadowPictures {
-    /// For pictures of `size` pixels with `step` pixels per texel, per axis.
-    pub fn new(device: &wgpu::Device, size: (u32, u32), step: u32) -> Self {
-        let size = coarse_size(size, step);
+    /// For pictures of `size` pixels.
+    pub fn new(device: &wgpu::Device, size: (u32, u32)) -> Self {
         let marks = wgpu::TextureUsages::RENDER_ATTACHMENT;
         Self {
             phantom_shadow: FrameTexture::new(device, "shadow", size, format::LIGHT, DRAWN),
@@ -52,6 +56,9 @@ impl ShadowPictures {
         }
     }
 }
+
+/// The shader that reads the surface cache.
+const CACHED: &str = "cached_shadow";
 
 /// Light that surfaces receive or lose.
 #[derive(Clone, Copy)]
@@ -106,13 +113,13 @@ impl MarkedPasses {
             .build(device)
         };
         let marked = |mark: &str, work: &str, target| Marked {
-            mark: build(
+            mark: Some(build(
                 "cover",
                 mark,
                 target,
                 ColorWrites::empty(),
                 DepthTest::writing(Compare::Always),
-            ),
+            )),
             work: build(
                 "behind_marks",
                 work,
@@ -121,19 +128,34 @@ impl MarkedPasses {
                 DepthTest::without_writing(Compare::Less),
             ),
         };
+        // A look-up in the cache costs less than to mark the texels that need one.
+        let by_tiles = |work: &str, target| Marked {
+            mark: None,
+            work: build(
+                "shadowed_tile",
+                work,
+                target,
+                ColorWrites::ALL,
+                DepthTest::without_writing(Compare::Always),
+            ),
+        };
         Self {
-            phantom: marked("mark_phantoms", "phantom_shadow", format::LIGHT),
+            phantom: if shader == CACHED {
+                by_tiles("phantom_shadow", format::LIGHT)
+            } else {
+                marked("mark_phantoms", "phantom_shadow", format::LIGHT)
+            },
             virtual_light: marked("mark_virtual", "virtual_light", format::LIGHT_TEXEL),
         }
     }
 
     /// `groups`: the frame, the shadows, the surfaces. Real surfaces without shadow get
-    /// `unshadowed`.
+    /// `unshadowed`. `virtual_too`: whether virtual surfaces need the pass.
     fn record(
         &self,
         r: &mut Recorder<'_>,
         groups: [&wgpu::BindGroup; 3],
-        unshadowed: f64,
+        (unshadowed, virtual_too): (f64, bool),
         output: &ShadowPictures,
     ) {
         let lit = wgpu::Color {
@@ -148,6 +170,7 @@ impl MarkedPasses {
             ("phantom_shadow", shadow, lit, &self.phantom),
             ("virtual_light", light, none, &self.virtual_light),
         ];
+        let jobs = jobs.into_iter().take(if virtual_too { 2 } else { 1 });
         for (name, picture, clear, pipelines) in jobs {
             let mut pass = r.encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
                 label: Some(name),
@@ -157,9 +180,15 @@ impl MarkedPasses {
                 ..Default::default()
             });
             bind_all(&mut pass, &groups);
-            for pipeline in [&pipelines.mark, &pipelines.work] {
-                pass.set_pipeline(pipeline);
+            if let Some(mark) = &pipelines.mark {
+                pass.set_pipeline(mark);
                 pass.draw(0..3, 0..1);
+                pass.set_pipeline(&pipelines.work);
+                pass.draw(0..3, 0..1);
+            } else {
+                let (across, down) = tile_grid(picture.size());
+                pass.set_pipeline(&pipelines.work);
+                pass.draw(0..6 * across * down, 0..1);
             }
         }
     }
@@ -169,14 +198,7 @@ impl ShadowBufferPass {
     pub fn new(device: &wgpu::Device, frame: &wgpu::BindGroupLayout, variant: Variant) -> Self {
         let slots = [Slot::DepthArray, Slot::DepthArray, Slot::Comparison];
         let maps = CachedGroup::from_slots(device, "shadow maps", &slots);
-        let (packed, depth) = Slot::sampled(variant.samples);
-        let masks = [Slot::Integer; 5];
-        let slots = [
-            &[Slot::Unfilterable, Slot::Depth, packed, depth][..],
-            &masks,
-        ]
-        .concat();
-        let surfaces = CachedGroup::from_slots(device, "surfaces", &slots);
+        let surfaces = surfaces_group(device, variant);
         let compare = device.create_sampler(&wgpu::SamplerDescriptor {
             label: Some("shadow compare"),
             mag_filter: wgpu::FilterMode::Linear,
@@ -187,22 +209,27 @@ impl ShadowBufferPass {
         let groups = [frame, &maps.layout, &surfaces.layout];
         Self {
             by_maps: MarkedPasses::new(device, "shadow_buffer", groups, variant),
+            by_cache: variant
+                .cached
+                .then(|| MarkedPasses::new(device, CACHED, groups, variant)),
             maps,
             surfaces,
             compare,
+            // With the cache, only the light of lamps is looked up here.
+            virtual_too: !variant.cached || variant.lamps,
         }
     }
 
     /// Compiles the same with shadowing planes in place of shadow maps; `sums` is the layout of
     /// what they bind.
     pub fn by_planes(
-        &self,
         device: &wgpu::Device,
         frame: &wgpu::BindGroupLayout,
         sums: &wgpu::BindGroupLayout,
         variant: Variant,
     ) -> MarkedPasses {
-        let groups = [frame, sums, &self.surfaces.layout];
+        let surfaces = surfaces_group(device, variant);
+        let groups = [frame, sums, &surfaces.layout];
         MarkedPasses::new(device, "planes_shadow", groups, variant)
     }
 
@@ -229,6 +256,8 @@ impl ShadowBufferPass {
             view(&tiles.phantom.lamps.view),
             view(&tiles.virtual_surface.lamps.view),
         ];
+        let place = phantoms.place.as_ref().map(|place| view(&place.view));
+        let resources: Vec<_> = resources.into_iter().chain(place).collect();
         let bound = self.surfaces.get(r.device, &resources);
         let (passes, shadows) = match source {
             ShadowSource::Planes(passes, sums) => (*passes, *sums),
@@ -238,10 +267,30 @@ impl ShadowBufferPass {
                     view(&maps.phantom_casters.array),
                     sampler(&self.compare),
                 ];
-                (&self.by_maps, self.maps.get(r.device, &resources))
+                let passes = self.by_cache.as_ref().unwrap_or(&self.by_maps);
+                (passes, self.maps.get(r.device, &resources))
             }
         };
-        passes.record(r, [frame, shadows, bound], unshadowed, output);
+        let how = (unshadowed, self.virtual_too);
+        passes.record(r, [frame, shadows, bound], how, output);
         output
     }
+}
+
+/// The group of the surfaces in the picture.
+fn surfaces_group(device: &wgpu::Device, variant: Variant) -> CachedGroup {
+    let (packed, depth) = Slot::sampled(variant.samples);
+    let masks = [Slot::Integer; 5];
+    let cached: &[Slot] = if variant.cached {
+        &[Slot::Integer]
+    } else {
+        &[]
+    };
+    let slots = [
+        &[Slot::Unfilterable, Slot::Depth, packed, depth][..],
+        &masks,
+        cached,
+    ]
+    .concat();
+    CachedGroup::from_slots(device, "surfaces", &slots)
 }

@@ -32,8 +32,10 @@ pub struct TilePictures {
 impl TilePictures {
     /// For pictures of `size` pixels.
     pub fn new(device: &wgpu::Device, size: (u32, u32)) -> Self {
+        // Where light is read from the surface cache, tiles are found on the processor.
+        let usage = DRAWN | wgpu::TextureUsages::COPY_DST;
         let picture =
-            |label, format| FrameTexture::new(device, label, tile_grid(size), format, DRAWN);
+            |label, format| FrameTexture::new(device, label, tile_grid(size), format, usage);
         let masks = |lights, lamps| TileMasks {
             lights: picture(lights, format::TILES),
             lamps: picture(lamps, format::LAMP_TILES),

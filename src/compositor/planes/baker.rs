@@ -9,6 +9,7 @@ use super::bake_scene::{BakeCasters, BakeScene, receiver_mesh};
 use super::compute::{buffer_of, storage};
 use super::readback::read_buffer;
 use super::receiver::{receiver_image, words};
+use super::source_images::SOFTWARE_PLANES_PER_FRAME;
 use glam::{DVec3, Vec3};
 use penumbra_lighting::geodesic::{Face, GeodesicDome};
 use penumbra_scene::Scene;
@@ -138,6 +139,18 @@ impl<'a> Baker<'a> {
             settings,
             gpu,
         }
+    }
+
+    /// Submits a small part of the work and waits for it: a picture that is composed meanwhile waits
+    /// for one part at most.
+    fn submit(&self, record: impl FnOnce(&mut wgpu::CommandEncoder)) -> Result<(), GpuError> {
+        let descriptor = wgpu::CommandEncoderDescriptor {
+            label: Some("bake"),
+        };
+        let mut encoder = self.gpu.device.create_command_encoder(&descriptor);
+        record(&mut encoder);
+        self.gpu.queue.submit([encoder.finish()]);
+        self.gpu.wait()
     }
 
     /// Renders each plane's receiver image.
@@ -277,42 +290,26 @@ impl Work {
         face: &Face,
         texels: &mut Vec<u8>,
     ) -> Result<Vec<Basis>, GpuError> {
-        let (device, queue) = (&baker.gpu.device, &baker.gpu.queue);
-        let resolution = baker.settings.resolution;
-        let directions = directions(face, baker.settings.samples);
-        for (i, (towards, weight)) in directions.iter().enumerate() {
-            let mut encoder =
-                device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
-            if i == 0 {
-                encoder.clear_buffer(&self.sums, 0, None);
-                encoder.clear_buffer(&self.flags, 0, None);
-            }
-            self.maps(baker, &mut encoder, *towards, *weight);
-            // Submitted in small parts, so that a picture composed meanwhile is not delayed.
-            queue.submit([encoder.finish()]);
-            baker.gpu.wait()?;
-            let mut encoder =
-                device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
-            let passes = &baker.passes;
-            passes.record(&mut encoder, &self.group, false, resolution, baker.planes);
-            if i + 1 == directions.len() {
-                passes.record(&mut encoder, &self.group, true, resolution, baker.planes);
-                self.copy(&mut encoder);
-            }
-            queue.submit([encoder.finish()]);
+        baker.submit(|encoder| {
+            encoder.clear_buffer(&self.sums, 0, None);
+            encoder.clear_buffer(&self.flags, 0, None);
+        })?;
+        for (towards, weight) in directions(face, baker.settings.samples) {
+            let direction = self.maps(baker, towards, weight)?;
+            self.add(baker, direction)?;
         }
+        baker.submit(|encoder| {
+            let (resolution, planes) = (baker.settings.resolution, baker.planes);
+            let passes = &baker.passes;
+            passes.record(encoder, &self.group, true, resolution, planes);
+            self.copy(encoder);
+        })?;
         let bytes = read_buffer(baker.gpu, &self.readable)?;
         Ok(self.images(&bytes, baker, texels))
     }
 
-    /// Renders both shadow maps of one direction.
-    fn maps(
-        &self,
-        baker: &Baker<'_>,
-        encoder: &mut wgpu::CommandEncoder,
-        towards: Vec3,
-        weight: f32,
-    ) {
+    /// Renders both shadow maps of one direction; returns its uniform.
+    fn maps(&self, baker: &Baker<'_>, towards: Vec3, weight: f32) -> Result<Direction, GpuError> {
         let (device, queue) = (&baker.gpu.device, &baker.gpu.queue);
         let casters = [&baker.scene.model, &baker.scene.phantoms];
         let fits = casters.map(|c: &BakeCasters| fit(&c.hull, towards, MAP));
@@ -330,14 +327,31 @@ impl Work {
             ],
             planes: [0; 4],
         };
-        queue.write_buffer(&self.uniforms[0], 0, bytemuck::bytes_of(&uniform));
         for (k, casters) in casters.into_iter().enumerate() {
             let own = &self.uniforms[k + 1];
             queue.write_buffer(own, 0, bytemuck::cast_slice(&fits[k].rows));
-            baker
-                .passes
-                .record_map(device, encoder, &self.maps[k], own, casters.mesh.as_ref());
+            let (map, mesh) = (&self.maps[k], casters.mesh.as_ref());
+            baker.submit(|encoder| baker.passes.record_map(device, encoder, map, own, mesh))?;
         }
+        Ok(uniform)
+    }
+
+    /// Adds one direction to the sums of all planes.
+    fn add(&self, baker: &Baker<'_>, mut direction: Direction) -> Result<(), GpuError> {
+        let resolution = baker.settings.resolution;
+        let part = if baker.gpu.software {
+            SOFTWARE_PLANES_PER_FRAME
+        } else {
+            baker.planes.max(1)
+        };
+        for first in (0..baker.planes).step_by(part as usize) {
+            direction.planes[0] = first;
+            let (queue, count) = (&baker.gpu.queue, part.min(baker.planes - first));
+            queue.write_buffer(&self.uniforms[0], 0, bytemuck::bytes_of(&direction));
+            let passes = &baker.passes;
+            baker.submit(|e| passes.record(e, &self.group, false, resolution, count))?;
+        }
+        Ok(())
     }
 
     fn copy(&self, encoder: &mut wgpu::CommandEncoder) {

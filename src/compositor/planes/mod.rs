@@ -12,7 +12,9 @@ mod repair;
 
 // In each frame: the light of the faces, the images of compact sources, the sums.
 mod atlas;
+mod choice;
 pub mod luminance;
+mod on_surfaces;
 mod source_bake;
 mod source_images;
 mod source_slots;
@@ -20,6 +22,7 @@ mod source_stage;
 mod source_targets;
 pub(crate) mod stage;
 pub mod synthesis;
+mod uploader;
 mod visible_planes;
 
 mod compute;
@@ -31,3 +34,4 @@ pub use repair::repair;
 pub use source_images::SourceBaker;
 pub use stage::PlanesStage;
 pub use synthesis::PlaneWork;
+pub use uploader::PlanesUploader;

@@ -24,7 +24,7 @@ const MAP_SIZE: u32 = 1024;
 /// Planes per frame for which a direction is evaluated on a software driver: this takes a quarter
 /// of a frame's time, as does drawing the direction's maps. A real GPU evaluates all planes at
 /// once.
-const SOFTWARE_PLANES_PER_FRAME: u32 = 4;
+pub(super) const SOFTWARE_PLANES_PER_FRAME: u32 = 4;
 
 /// Twin of WGSL `Images` in `bake_source.wgsl`.
 #[repr(C)]

@@ -2,6 +2,7 @@
 //! sources, bakes their images, and moves their light out of the faces of the dome.
 
 use super::super::bindings::{Slot, compute_layout, compute_pipeline, group};
+use super::super::gpu::Gpu;
 use super::super::shaders;
 use super::compute::buffer_of;
 use super::options::MAX_SOURCES;
@@ -51,11 +52,24 @@ impl SourceStage {
         self.slots.bake_from_world = bake_from_world;
     }
 
+    /// Begins with the light of the next frame and renders all images that it needs; without light,
+    /// images are rendered over frames from the beginning. May run on any thread.
+    pub fn begin(&mut self, gpu: &Gpu, light: Option<&FaceLight>) {
+        self.slots
+            .follow(light.map_or(&[][..], |light| &light.sources));
+        while self.bake_step() {
+            // Pictures that are composed meanwhile wait for one step at most. An error is found
+            // with the next picture.
+            let _ = gpu.wait();
+        }
+        self.slots.fade(true);
+    }
+
     /// Prepares one frame under `light`: follows its sources, bakes some of the images that they
-    /// need, and uploads the irradiance that they take from faces.
-    pub fn prepare(&mut self, queue: &wgpu::Queue, light: &FaceLight) {
+    /// need (`at_once`: all of them), and uploads the irradiance that they take from faces.
+    pub fn prepare(&mut self, queue: &wgpu::Queue, light: &FaceLight, at_once: bool) {
         let first = self.slots.follow(&light.sources);
-        while self.bake_step() && first {}
+        while self.bake_step() && (first || at_once) {}
         self.slots.fade(first);
         self.work.sources = self
             .slots

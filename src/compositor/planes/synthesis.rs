@@ -71,7 +71,7 @@ pub struct PlaneWork {
     pub images_in_sight: usize,
     /// Maximum over the planes of the number of skipped lights.
     pub lights_skipped: usize,
-    /// Compact sources with basis images of their own, which are lit from their true directions.
+    /// Compact sources whose shadows are cast from their true directions.
     pub sources: usize,
     /// Basis images of compact sources rendered since the bake was set.
     pub source_images: u64,
@@ -344,16 +344,23 @@ impl Synthesis {
         self.visible_planes.place(planes, world_from_bake);
     }
 
-    /// Determines the planes that are visible from `eye` in the view `clip_from_world`, and uploads
-    /// them.
+    /// All planes, and the number of those of the real layer, which come first.
+    pub(super) fn planes(&self) -> (Vec<VisiblePlane>, usize) {
+        (self.visible_planes.all(), self.settings.real as usize)
+    }
+
+    /// Determines the planes that are visible in the view `clip_from_world` from `eye`, or takes
+    /// all without a `view`, and uploads them.
     pub fn prepare(
         &mut self,
         queue: &wgpu::Queue,
-        clip_from_world: DMat4,
-        eye: DVec3,
+        view: Option<(DMat4, DVec3)>,
         thresholds: Thresholds,
     ) {
-        let seen = self.visible_planes.find_visible(clip_from_world, eye);
+        let seen = match view {
+            Some((clip, eye)) => self.visible_planes.find_visible(clip, eye),
+            None => self.visible_planes.show_all(),
+        };
         for (flag, seen) in self.visible.iter_mut().zip(seen) {
             *flag = u32::from(*seen);
         }

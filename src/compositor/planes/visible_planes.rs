@@ -9,12 +9,12 @@ use penumbra_scene::planes::{Bake, Layer, Receiver, ShadowingPlane};
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
 pub(super) struct VisiblePlane {
-    u: [f32; 4],
-    v: [f32; 4],
-    behind: [f32; 4],
-    normal: [f32; 4],
-    kind: [u32; 4],
-    scale: [f32; 4],
+    pub u: [f32; 4],
+    pub v: [f32; 4],
+    pub behind: [f32; 4],
+    pub normal: [f32; 4],
+    pub kind: [u32; 4],
+    pub scale: [f32; 4],
 }
 
 /// Minimum cosine between the normal of a plane with a surface receiver and the direction to the
@@ -87,6 +87,18 @@ impl VisiblePlanes {
                 self.count[0] += u32::from(plane.layer == Layer::Real);
             }
         }
+        &self.is_visible
+    }
+
+    /// All planes, as the shaders read them; those of the real layer come first.
+    pub fn all(&self) -> Vec<VisiblePlane> {
+        self.all.iter().map(|(uniform, _)| *uniform).collect()
+    }
+
+    /// Takes all planes as visible, for surfaces that are lit wherever the viewer is; returns for
+    /// each plane that it is visible.
+    pub fn show_all(&mut self) -> &[bool] {
+        self.is_visible.fill(true);
         &self.is_visible
     }
 

@@ -9,6 +9,7 @@ pub mod area;
 pub mod exposure;
 mod lamps;
 mod light;
+pub mod look;
 mod surface;
 
 pub use lamps::response;

@@ -9,9 +9,11 @@
 @group(1) @binding(6) var covered_tiles: texture_2d<u32>;
 @group(1) @binding(7) var virtual_lamps: texture_2d<u32>;
 @group(1) @binding(8) var response: texture_2d<f32>;
+@group(1) @binding(9) var edge_tiles: texture_2d<u32>;
 @group(2) @binding(0) var virtual_shape: VIRTUAL_TEXTURE;
 @group(2) @binding(1) var virtual_material: VIRTUAL_TEXTURE;
 @group(2) @binding(2) var virtual_depth: VIRTUAL_DEPTH;
+IF_CACHED @group(2) @binding(3) var virtual_place: VIRTUAL_TEXTURE;
 @group(3) @binding(0) var smooth_sampler: sampler;
 @group(3) @binding(1) var radiance: texture_cube<f32>;
 @group(3) @binding(2) var surroundings: texture_2d<f32>;
@@ -23,25 +25,20 @@ const PI = 3.14159265;
 // Irradiance of the virtual surface under a sample, `z` metres along the view. The texel of a pixel
 // holds its first sample's surface: `own` = whether this is that surface.
 fn light_at(pixel: vec2i, n: vec3f, z: f32, own: bool) -> vec3f {
-    let step = i32(frame.counts.z);
-    if (step == 1) & own {
+    if own {
         return unpacked_light(textureLoad(light, pixel, 0)).irradiance;
     }
-    let base = pixel >> vec2u(frame.tiling.z);
-    let part = vec2f(pixel - base * step) / f32(step);
     let last = vec2i(textureDimensions(light)) - vec2i(1);
     var sum = vec3f(0.0);
     var weight = 0.0;
-    for (var k = 0; k < 4; k++) {
+    // The pixel's own texel shows another surface.
+    for (var k = 1; k < 4; k++) {
         let o = vec2i(k & 1, k >> 1u);
-        let there = unpacked_light(textureLoad(light, min(base + o, last), 0));
-        let bilinear = select(1.0 - part.x, part.x, o.x == 1) * select(1.0 - part.y, part.y, o.y == 1);
-        // At full resolution the pixel's own texel shows another surface here.
-        let near = select(bilinear, select(0.3, 0.0, k == 0), step == 1);
+        let there = unpacked_light(textureLoad(light, min(pixel + o, last), 0));
         let same_direction = max(dot(n, there.normal), 0.0);
         let fourth = same_direction * same_direction * same_direction * same_direction;
         let same_depth = 1.0 / (1e-2 + abs(there.z - z) / z);
-        let w = select(0.0, near * fourth * same_depth + 1e-6, there.z > 0.0);
+        let w = select(0.0, 0.3 * fourth * same_depth + 1e-6, there.z > 0.0);
         sum += there.irradiance * w;
         weight += w;
     }
@@ -106,7 +103,11 @@ fn shade(pixel: vec2i, s: i32, own: bool) -> vec3f {
     let n_dot_v = clamp(dot(n, v), 0.02, 1.0);
     let gloss = gloss_of(shape, properties, base);
 
-    let direct = light_at(pixel, n, frame.eye.w / depth, own);
+    var direct = vec3f(0.0);
+    if !CACHED || LAMPED {
+        direct = light_at(pixel, n, frame.eye.w / depth, own);
+    }
+    IF_CACHED direct += cached_irradiance(textureLoad(virtual_place, pixel, s).xy, n);
     let irradiance = max(direct + bounce(world, n), vec3f(0.0)) * occlusion_of(shape, properties);
     let table = textureSampleLevel(gloss_table, smooth_sampler, vec2f(n_dot_v, gloss_row(gloss)), 0.0);
     let d = tilted(reflect(-v, n), n, table.z);
@@ -126,14 +127,33 @@ fn same_surface(pixel: vec2i, a: i32, b: i32) -> bool {
     return max(difference.x, difference.y) < 0.2 && abs(textureLoad(virtual_depth, pixel, b) - d) < 0.02 * d;
 }
 
+fn tile_number(v: u32) -> vec2u {
+    let across = textureDimensions(phantom_tiles).x;
+    let t = v / 6u;
+    return vec2u(t % across, t / across);
+}
+
+fn tile_has_edges(tile: vec2u) -> bool {
+    let halves = vec2u(tile.x, 2u * tile.y);
+    return (textureLoad(edge_tiles, halves, 0).x | textureLoad(edge_tiles, halves + vec2u(0u, 1u), 0).x) != 0u;
+}
+
 // Shadowed real surfaces, in tiles without virtual surfaces.
+fn real_corner(v: u32, edges: bool) -> vec4f {
+    let tile = tile_number(v);
+    let shadowed = any(textureLoad(phantom_tiles, tile, 0).xy != vec2u(0u));
+    let wanted = shadowed && !tile_is_covered(tile) && tile_has_edges(tile) == edges;
+    return tile_corner(v % 6u, tile, NOTHING_VIRTUAL, wanted);
+}
+
 @vertex
 fn real_tile(@builtin(vertex_index) v: u32) -> @builtin(position) vec4f {
-    let t = v / 6u;
-    let across = textureDimensions(phantom_tiles).x;
-    let tile = vec2u(t % across, t / across);
-    let shadowed = any(textureLoad(phantom_tiles, tile, 0).xy != vec2u(0u));
-    return tile_corner(v % 6u, tile, NOTHING_VIRTUAL, shadowed && !tile_is_covered(tile));
+    return real_corner(v, false);
+}
+
+@vertex
+fn real_edge_tile(@builtin(vertex_index) v: u32) -> @builtin(position) vec4f {
+    return real_corner(v, true);
 }
 
 // Kinds of pixels in tiles with virtual surfaces, as depths. A draw for a single kind uses a depth
@@ -143,15 +163,24 @@ const NOTHING_VIRTUAL = 0.5;
 const INTERIOR = 1.0;
 
 fn covered_tile(v: u32, depth: f32) -> vec4f {
-    let t = v / 6u;
-    let across = textureDimensions(phantom_tiles).x;
-    let tile = vec2u(t % across, t / across);
+    let tile = tile_number(v);
     return tile_corner(v % 6u, tile, depth, tile_is_covered(tile));
+}
+
+fn background_corner(v: u32, edges: bool) -> vec4f {
+    let tile = tile_number(v);
+    let wanted = tile_is_covered(tile) && tile_has_edges(tile) == edges;
+    return tile_corner(v % 6u, tile, NOTHING_VIRTUAL, wanted);
 }
 
 @vertex
 fn background_tile(@builtin(vertex_index) v: u32) -> @builtin(position) vec4f {
-    return covered_tile(v, NOTHING_VIRTUAL);
+    return background_corner(v, false);
+}
+
+@vertex
+fn background_edge_tile(@builtin(vertex_index) v: u32) -> @builtin(position) vec4f {
+    return background_corner(v, true);
 }
 
 @vertex
@@ -170,7 +199,12 @@ fn encoded(linear: vec3f) -> vec4f {
 
 @fragment
 fn real(@builtin(position) position: vec4f) -> @location(0) vec4f {
-    return background_at(vec2i(position.xy), position);
+    return background_at(vec2i(position.xy), false);
+}
+
+@fragment
+fn real_by_edge(@builtin(position) position: vec4f) -> @location(0) vec4f {
+    return background_at(vec2i(position.xy), true);
 }
 
 struct Background {
@@ -178,10 +212,8 @@ struct Background {
     @builtin(frag_depth) kind: f32,
 }
 
-// The background of virtual objects, and the kind of the pixel.
-@fragment
-fn background(@builtin(position) position: vec4f) -> Background {
-    let pixel = vec2i(position.xy);
+// The kind of a pixel as a depth.
+fn kind_of(pixel: vec2i) -> f32 {
     var covered = 0;
     var same = true;
     for (var s = 0; s < SAMPLES; s++) {
@@ -189,7 +221,20 @@ fn background(@builtin(position) position: vec4f) -> Background {
         same &= same_surface(pixel, 0, s);
     }
     let kind = select(OUTLINE, INTERIOR, same & (covered == SAMPLES));
-    return Background(background_at(pixel, position), select(kind, NOTHING_VIRTUAL, covered == 0));
+    return select(kind, NOTHING_VIRTUAL, covered == 0);
+}
+
+// The background of virtual objects, and the kind of the pixel.
+@fragment
+fn background(@builtin(position) position: vec4f) -> Background {
+    let pixel = vec2i(position.xy);
+    return Background(background_at(pixel, false), kind_of(pixel));
+}
+
+@fragment
+fn background_by_edge(@builtin(position) position: vec4f) -> Background {
+    let pixel = vec2i(position.xy);
+    return Background(background_at(pixel, true), kind_of(pixel));
 }
 
 // Pixels that show one virtual surface.
@@ -204,7 +249,7 @@ fn interior(@builtin(position) position: vec4f) -> @location(0) vec4f {
 fn outline(@builtin(position) position: vec4f) -> @location(0) vec4f {
     let pixel = vec2i(position.xy);
     let code = textureLoad(camera, pixel, 0);
-    let factor = shadow_at(pixel, position);
+    let factor = shadow_at(pixel);
     var covered = 0;
     var first = 0;
     for (var s = SAMPLES - 1; s >= 0; s--) {

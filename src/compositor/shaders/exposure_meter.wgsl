@@ -1,8 +1,8 @@
 // Brightness of the camera's picture, and the light that virtual objects add to and remove from it.
 
 struct Meter {
-    // x: 1 where shadows are subtracted. y: logarithm of the shadow buffer's step. z: 1 where the
-    // light of lamps is separate from the shadow buffer.
+    // x: 1 where shadows are subtracted. z: 1 where the light of lamps is separate from the shadow
+    // buffer.
     how: vec4u,
 }
 
@@ -22,7 +22,7 @@ var<workgroup> sums: array<vec4f, LANES>;
 
 fn measured_at(pixel: vec2u) -> vec4f {
     let linear = linear_from_code(textureLoad(camera, pixel, 0).rgb);
-    let s = textureLoad(shadow, pixel >> vec2u(meter.how.y), 0).rgb;
+    let s = textureLoad(shadow, pixel, 0).rgb;
     let change = select(linear * (s - vec3f(1.0)), max(-s, -linear), meter.how.x == 1u);
     let y = luminance(change);
     let apart = select(0.0, luminance(textureLoad(response, pixel, 0).rgb), meter.how.z == 1u);

@@ -58,29 +58,57 @@ fn is_outside(at: vec2f) -> bool {
     return any(at < vec2f(-0.5)) | any(at > vec2f(textureDimensions(after)) - vec2f(0.5));
 }
 
+struct Distorted {
+    colour: vec4f,
+    // Share of the pixel that virtual surfaces leave open.
+    open: f32,
+}
+
 // The composite with the camera's distortion. Unchanged pixels are the camera's, bit for bit;
 // pixels that shadows darken keep the camera's own detail, sharper than the undistorted picture's.
-@fragment
-fn distorted(@builtin(position) position: vec4f) -> @location(0) vec4f {
+fn distorted_at(position: vec4f) -> Distorted {
     let pixel = vec2i(position.xy);
     let own = textureLoad(camera, pixel, 0);
     let at = textureLoad(positions, pixel, 0).xy;
     if is_outside(at) {
-        return own;
+        return Distorted(own, 1.0);
     }
     let undistorted = undistorted_at(at);
     if undistorted.same {
-        return own;
+        return Distorted(own, 1.0);
     }
     let ratio = clamp(undistorted.after / max(undistorted.before, vec3f(1e-4)), vec3f(0.0), vec3f(1.5));
     let detail = (linear_from_code(own.rgb) - undistorted.before) * mix(ratio, vec3f(1.0), undistorted.covered);
-    let colour = undistorted.after + (1.0 - undistorted.covered) * detail;
-    return vec4f(code_from_linear(colour), 1.0);
+    let open = 1.0 - undistorted.covered;
+    return Distorted(vec4f(code_from_linear(undistorted.after + open * detail), 1.0), open);
 }
 
 // The same in another exposure, where no pixel is the camera's.
+fn distorted_exposed_at(position: vec4f) -> Distorted {
+    let at = textureLoad(positions, vec2i(position.xy), 0).xy;
+    let undistorted = undistorted_at(at);
+    return Distorted(vec4f(code_from_linear(undistorted.after), 1.0), 1.0 - undistorted.covered);
+}
+
+@fragment
+fn distorted(@builtin(position) position: vec4f) -> @location(0) vec4f {
+    return distorted_at(position).colour;
+}
+
 @fragment
 fn distorted_exposed(@builtin(position) position: vec4f) -> @location(0) vec4f {
-    let at = textureLoad(positions, vec2i(position.xy), 0).xy;
-    return vec4f(code_from_linear(undistorted_at(at).after), 1.0);
+    return distorted_exposed_at(position).colour;
+}
+
+// For the camera's look, which reads the open share from alpha.
+@fragment
+fn distorted_covered(@builtin(position) position: vec4f) -> @location(0) vec4f {
+    let shown = distorted_at(position);
+    return vec4f(shown.colour.rgb, shown.open);
+}
+
+@fragment
+fn distorted_exposed_covered(@builtin(position) position: vec4f) -> @location(0) vec4f {
+    let shown = distorted_exposed_at(position);
+    return vec4f(shown.colour.rgb, shown.open);
 }

@@ -15,17 +15,32 @@ struct Varying {
     @location(0) normal: vec3f,
     @location(1) @interpolate(flat) kind: f32,
     @location(2) @interpolate(flat) part: u32,
+    IF_CACHED @location(3) cache_at: vec2f,
+    IF_CACHED @location(4) @interpolate(flat) cache_chart: vec4u,
+}
+
+struct Surface {
+    @location(0) normal: vec4f,
+    IF_CACHED @location(1) place: vec2u,
 }
 
 @vertex
 fn phantom_vertex(
     @location(0) position: vec3f,
     @location(1) normal: vec3f,
+    IF_CACHED @location(4) cache_at: vec2f,
+    IF_CACHED @location(5) cache_chart: vec4u,
     @builtin(instance_index) i: u32,
 ) -> Varying {
     let world = parts[i].world_from_part * vec4f(position, 1.0);
-    let n = (parts[i].normal_from_part * vec4f(normal, 0.0)).xyz;
-    return Varying(clip_of(world), n, parts[i].kind.x, i);
+    var out: Varying;
+    out.position = clip_of(world);
+    out.normal = (parts[i].normal_from_part * vec4f(normal, 0.0)).xyz;
+    out.kind = parts[i].kind.x;
+    out.part = i;
+    IF_CACHED out.cache_at = cache_at;
+    IF_CACHED out.cache_chart = cache_chart;
+    return out;
 }
 
 // A number that neighbouring pixels of one smooth surface share: part and dominant axis of the
@@ -40,7 +55,10 @@ fn surface_key(part: u32, n: vec3f) -> f32 {
 }
 
 @fragment
-fn phantom_fragment(in: Varying) -> @location(0) vec4f {
+fn phantom_fragment(in: Varying) -> Surface {
     let n = normalize(in.normal);
-    return vec4f(octahedron_from_normal(n), in.kind, surface_key(in.part, n));
+    var out: Surface;
+    out.normal = vec4f(octahedron_from_normal(n), in.kind, surface_key(in.part, n));
+    IF_CACHED out.place = place_of(in.cache_at, in.cache_chart);
+    return out;
 }

@@ -7,7 +7,7 @@
 
 @fragment
 fn phantom_shadow(@builtin(position) at: vec4f) -> @location(0) vec4f {
-    let pixel = vec2i(at.xy) * i32(frame.counts.z);
+    let pixel = vec2i(at.xy);
     let surface = textureLoad(phantom_normal, pixel, 0);
     let n = normal_from_octahedron(surface.xy);
     let world = world_at(vec2f(pixel), textureLoad(phantom_depth, pixel, 0));
@@ -26,8 +26,7 @@ fn phantom_shadow(@builtin(position) at: vec4f) -> @location(0) vec4f {
 // Texels of the light buffer: irradiance, depth along the view and normal, packed.
 @fragment
 fn virtual_light(@builtin(position) position: vec4f) -> @location(0) vec4u {
-    let step = i32(non_uniform(frame.counts.z, position.w));
-    let found = covered_sample(vec2i(position.xy) * step, step);
+    let found = covered_sample(vec2i(position.xy));
     let n = normal_from_octahedron(octahedron(textureLoad(virtual_shape, found.xy, found.z)));
     let depth = textureLoad(virtual_depth, found.xy, found.z);
     let world = world_at(sample_position(found.xy, found.z), depth);

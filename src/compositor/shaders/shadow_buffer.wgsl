@@ -96,8 +96,7 @@ fn arriving_in_real(open: vec3f, masks: vec4u, world: vec3f, n: vec3f) -> vec3f 
 
 @fragment
 fn phantom_shadow(@builtin(position) at: vec4f) -> @location(0) vec4f {
-    let pixel = vec2i(at.xy) * i32(frame.counts.z);
-    let unshadowed = vec3f(select(1.0, 0.0, frame.counts.y == 1u));
+    let pixel = vec2i(at.xy);
     let surface = textureLoad(phantom_normal, pixel, 0);
     let masks = textureLoad(phantom_tiles, tile_of(pixel), 0);
     let n = normal_from_octahedron(surface.xy);
@@ -105,10 +104,6 @@ fn phantom_shadow(@builtin(position) at: vec4f) -> @location(0) vec4f {
     // Minus the indirect light from virtual objects.
     let lost = (lost_behind_virtual(masks, world, n) - indirect_irradiance(0.0, world, n)) * frame.params.x;
     let added = multiplied_lamps(lamps_at(phantom_lamps, pixel), world, n);
-    // At full resolution real shadows are needed beside virtual ones, too.
-    if !FINE & all(lost == vec3f(0.0)) & all(added == vec3f(0.0)) {
-        return vec4f(unshadowed, key_with_share(surface.w, -1.0));
-    }
     let open = open_in_real(world, n);
     let arriving = max(arriving_in_real(open, masks, world, n), lost);
     let share = arriving.g / max(open.g, 1e-6);
@@ -127,8 +122,7 @@ fn with_bounces(open_share: vec3f, albedo: vec3f) -> vec3f {
 // Texels of the light buffer: irradiance, depth along the view and normal, packed.
 @fragment
 fn virtual_light(@builtin(position) position: vec4f) -> @location(0) vec4u {
-    let step = i32(non_uniform(frame.counts.z, position.w));
-    let found = covered_sample(vec2i(position.xy) * step, step);
+    let found = covered_sample(vec2i(position.xy));
     let shape = textureLoad(virtual_shape, found.xy, found.z);
     let n = normal_from_octahedron(octahedron(shape));
     let depth = textureLoad(virtual_depth, found.xy, found.z);

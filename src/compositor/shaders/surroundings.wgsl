@@ -15,7 +15,7 @@ fn linear_at(pixel: vec2i) -> vec3f {
         // must not depend on the exposure.
         linear = min(linear / frame.ground.w, vec3f(1.0));
     }
-    let s = textureLoad(shadow, at >> vec2u(frame.tiling.z), 0).rgb;
+    let s = textureLoad(shadow, at, 0).rgb;
     let brightness = brightness_at(vec2f(at));
     let behind = select(linear * s, max(linear - s * brightness, vec3f(0.0)), frame.counts.y == 1u);
     return (behind + added_at(at)) / brightness;

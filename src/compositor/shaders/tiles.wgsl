@@ -143,13 +143,11 @@ struct Classes {
 @fragment
 fn classify_real(@builtin(position) at: vec4f) -> Classes {
     let side = i32(non_uniform(frame.tiling.y, at.w));
-    let step = i32(non_uniform(frame.counts.z, at.w));
     let corner = vec2i(at.xy) * side;
     let last = vec2i(frame.size.xy) - vec2i(1);
     var real = nothing();
-    // One sample beyond the tile, because coarse shadows are interpolated towards it.
-    for (var y = 0; y <= side; y += step) {
-        for (var x = 0; x <= side; x += step) {
+    for (var y = 0; y < side; y++) {
+        for (var x = 0; x < side; x++) {
             let pixel = min(corner + vec2i(x, y), last);
             let surface = textureLoad(phantom_normal, pixel, 0);
             if surface.z == 1.0 {
@@ -162,7 +160,7 @@ fn classify_real(@builtin(position) at: vec4f) -> Classes {
     var masks = blockable(real, non_uniform(frame.counts.x, at.w));
     let lit = lamps_on(real);
     // Any light's bit causes the tile to be drawn.
-    masks.x |= select(0u, 1u, is_near(real) | is_on_planes(real) | (lit != 0u));
+    masks.x |= select(0u, 1u, is_near(real) | is_on_planes(real) | (lit != 0u) | CACHED);
     return Classes(masks, lit);
 }
 

@@ -1,5 +1,6 @@
 // Surface properties of the virtual objects, several samples per pixel, for the shadow buffer and
-// the composite. The instance index is the part.
+// the composite. A part is a uniform, because Mesa's software driver reads storage buffers lane by
+// lane.
 
 struct VirtualPart {
     world_from_part: mat4x4f,
@@ -13,9 +14,11 @@ struct VirtualPart {
     // Square root of Phong's specular colour, log2(exponent + 1) / 14; negative without Phong's
     // lobe.
     phong: vec4f,
+    // Offsets of uniforms are multiples of 256 bytes.
+    unused: mat4x4f,
 }
 
-@group(1) @binding(0) var<storage, read> parts: array<VirtualPart>;
+@group(1) @binding(0) var<uniform> part: VirtualPart;
 @group(2) @binding(0) var surface_sampler: sampler;
 @group(2) @binding(1) var base_colour_map: texture_2d<f32>;
 @group(2) @binding(2) var metallic_roughness_map: texture_2d<f32>;
@@ -30,7 +33,8 @@ struct Varying {
     @location(0) @interpolate(perspective, centroid) normal: vec3f,
     @location(1) @interpolate(perspective, centroid) uv: vec2f,
     @location(2) @interpolate(perspective, centroid) tangent: vec4f,
-    @location(3) @interpolate(flat) part: u32,
+    IF_CACHED @location(4) @interpolate(perspective, centroid) cache_at: vec2f,
+    IF_CACHED @location(5) @interpolate(flat) cache_chart: vec4u,
 }
 
 @vertex
@@ -39,31 +43,46 @@ fn virtual_vertex(
     @location(1) normal: vec3f,
     @location(2) uv: vec2f,
     @location(3) tangent: vec4f,
-    @builtin(instance_index) i: u32,
+    IF_CACHED @location(4) cache_at: vec2f,
+    IF_CACHED @location(5) cache_chart: vec4u,
 ) -> Varying {
-    let world = parts[i].world_from_part * vec4f(position, 1.0);
-    let n = (parts[i].normal_from_part * vec4f(normal, 0.0)).xyz;
-    let t = (parts[i].world_from_part * vec4f(tangent.xyz, 0.0)).xyz;
-    let side = tangent.w * parts[i].normal_from_part[3].w;
-    return Varying(clip_of(world), n, uv, vec4f(t, side), i);
+    let world = part.world_from_part * vec4f(position, 1.0);
+    let n = (part.normal_from_part * vec4f(normal, 0.0)).xyz;
+    let t = (part.world_from_part * vec4f(tangent.xyz, 0.0)).xyz;
+    let side = tangent.w * part.normal_from_part[3].w;
+    var out: Varying;
+    out.position = clip_of(world);
+    out.normal = n;
+    out.uv = uv;
+    out.tangent = vec4f(t, side);
+    IF_CACHED out.cache_at = cache_at;
+    IF_CACHED out.cache_chart = cache_chart;
+    return out;
 }
 
 // Without textures and alpha test.
 struct PlainVarying {
     @builtin(position) position: vec4f,
     @location(0) @interpolate(perspective, centroid) normal: vec3f,
-    @location(1) @interpolate(flat) part: u32,
+    IF_CACHED @location(2) @interpolate(perspective, centroid) cache_at: vec2f,
+    IF_CACHED @location(3) @interpolate(flat) cache_chart: vec4u,
 }
 
 @vertex
 fn plain_vertex(
     @location(0) position: vec3f,
     @location(1) normal: vec3f,
-    @builtin(instance_index) i: u32,
+    IF_CACHED @location(4) cache_at: vec2f,
+    IF_CACHED @location(5) cache_chart: vec4u,
 ) -> PlainVarying {
-    let world = parts[i].world_from_part * vec4f(position, 1.0);
-    let n = (parts[i].normal_from_part * vec4f(normal, 0.0)).xyz;
-    return PlainVarying(clip_of(world), n, i);
+    let world = part.world_from_part * vec4f(position, 1.0);
+    let n = (part.normal_from_part * vec4f(normal, 0.0)).xyz;
+    var out: PlainVarying;
+    out.position = clip_of(world);
+    out.normal = n;
+    IF_CACHED out.cache_at = cache_at;
+    IF_CACHED out.cache_chart = cache_chart;
+    return out;
 }
 
 @vertex
@@ -73,18 +92,16 @@ fn occluder_vertex(@location(0) world: vec3f) -> @builtin(position) vec4f {
 
 fn mapped_normal(in: Varying, scale: f32) -> vec3f {
     let n = normalize(in.normal);
-    if scale == 0.0 {
-        return n;
-    }
     let t = normalize(in.tangent.xyz - n * dot(n, in.tangent.xyz));
     let b = cross(n, t) * in.tangent.w;
     let m = textureSample(normal_map, surface_sampler, in.uv).xyz * 2.0 - 1.0;
-    return normalize(t * m.x * scale + b * m.y * scale + n * m.z);
+    let mapped = normalize(t * m.x * scale + b * m.y * scale + n * m.z);
+    // No branch: the scale is uniform.
+    return select(mapped, n, scale == 0.0);
 }
 
 @fragment
 fn virtual_fragment(in: Varying, @builtin(front_facing) front: bool) -> PackedSurface {
-    let part = parts[in.part];
     let base = part.base_colour * textureSample(base_colour_map, surface_sampler, in.uv);
     let mr = textureSample(metallic_roughness_map, surface_sampler, in.uv);
     let occlusion = textureSample(occlusion_map, surface_sampler, in.uv).r;
@@ -94,21 +111,26 @@ fn virtual_fragment(in: Varying, @builtin(front_facing) front: bool) -> PackedSu
         discard;
     }
     n = select(-n, n, front);
-    if part.phong.w >= 0.0 {
-        let shape = packed_shape(base.rgb, n, phong_kind(occlusion));
-        return PackedSurface(shape, packed_material(part.phong, emissive));
-    }
-    let properties = vec4f(part.surface.x * mr.b, part.surface.y * mr.g, part.surface.z, occlusion);
-    return PackedSurface(packed_shape(base.rgb, n, METALLIC_ROUGHNESS), packed_material(properties, emissive));
+    let phong = part.phong.w >= 0.0;
+    let rough = vec4f(part.surface.x * mr.b, part.surface.y * mr.g, part.surface.z, occlusion);
+    let kind = select(METALLIC_ROUGHNESS, phong_kind(occlusion), phong);
+    var out: PackedSurface;
+    out.shape = packed_shape(base.rgb, n, kind);
+    out.material = packed_material(select(rough, part.phong, phong), emissive);
+    IF_CACHED out.place = select(vec2u(0u), place_of(in.cache_at, in.cache_chart), front);
+    return out;
 }
 
 @fragment
 fn plain_fragment(in: PlainVarying, @builtin(front_facing) front: bool) -> PackedSurface {
-    let part = parts[in.part];
     let n = normalize(in.normal);
     let phong = part.phong.w >= 0.0;
     let kind = select(METALLIC_ROUGHNESS, phong_kind(1.0), phong);
     let shape = packed_shape(part.base_colour.rgb, select(-n, n, front), kind);
     let properties = select(vec4f(part.surface.xyz, 1.0), part.phong, phong);
-    return PackedSurface(shape, packed_material(properties, part.emissive.rgb));
+    var out: PackedSurface;
+    out.shape = shape;
+    out.material = packed_material(properties, part.emissive.rgb);
+    IF_CACHED out.place = select(vec2u(0u), place_of(in.cache_at, in.cache_chart), front);
+    return out;
 }

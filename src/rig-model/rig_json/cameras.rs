@@ -114,6 +114,8 @@ impl SceneCameraEntry {
             camera: pinhole(self.image_size, self.matrix, self.lens_distortion),
             response: self.response.unwrap_or_default().tone_curve(),
             vignetting: None,
+            noise: None,
+            spread: None,
             latency_nanos: nanos(self.latency_s),
         }
     }

@@ -115,6 +115,8 @@ impl RigDocument {
                     },
                     response: Response::srgb(),
                     vignetting: None,
+                    noise: None,
+                    spread: None,
                     latency_nanos: 0,
                 },
                 environment: None,

@@ -60,5 +60,6 @@ fn make(parameters: &Parameters, rig: &RigContext) -> Result<Box<dyn Step>, Para
     };
     let present_lenses = KnownLenses::from_rig(&rig.document);
     let step = IntrinsicsStep::new(camera, board, options, present_lenses);
+    let step = step.with_rig(&rig.document);
     Ok(Box::new(step))
 }

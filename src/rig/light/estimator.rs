@@ -15,6 +15,7 @@ use penumbra_camera::Response;
 use penumbra_config::{Config, Unseen, WhiteBalanceMethod};
 use penumbra_interface::RigidTransform;
 use penumbra_lighting::Filtering;
+use penumbra_lighting::average::LightAverage;
 use penumbra_lighting::{
     Bracket, EnvironmentEstimator, EnvironmentInput, LightPlacement, Lighting, SpherePosition,
 };
@@ -52,6 +53,8 @@ pub struct LightEstimator {
     decoded: Vec<Picture>,
     generation: Option<u64>,
     lighting: Option<Arc<Lighting>>,
+    /// Averages the estimates of a separate environment camera.
+    average: LightAverage,
     indirect: IndirectLightUpdater,
     /// Time of the next picture, seconds since the session began.
     seconds: f64,
@@ -91,6 +94,7 @@ impl LightEstimator {
             decoded: Vec::new(),
             generation: None,
             lighting: None,
+            average: LightAverage::default(),
             indirect: IndirectLightUpdater::new(&setup.scene, &casters(&setup.scene)),
             seconds: 0.0,
             since_overlap: 0,
@@ -192,7 +196,7 @@ impl LightEstimator {
             sphere_position: None,
             captured_at: set.captured_at,
         })?;
-        self.lighting = Some(lighting);
+        self.lighting = Some(self.average.add(lighting));
         Ok(())
     }
 
@@ -276,7 +280,12 @@ impl LightEstimator {
         (self.indirect, self.ground) = (indirect, ground);
         if let Some(real) = real {
             (self.phantoms, self.rays) = (real.phantoms, real.rays);
-            self.estimator = real.estimator.or(self.estimator.take());
+            if let Some(mut estimator) = real.estimator {
+                if let Some(before) = &self.estimator {
+                    estimator.follow(before);
+                }
+                self.estimator = Some(estimator);
+            }
         }
         self.set_phong(phong);
     }
@@ -329,6 +338,7 @@ impl LightEstimator {
         let estimator = self.estimator.as_ref();
         LightState {
             lighting: self.lighting.clone(),
+            span: None,
             indirect: self.indirect.light().map(|light| Arc::new(light.clone())),
             white_balance: Some(Arc::new(self.match_status())),
             sources: Arc::new(

@@ -1,12 +1,14 @@
 //! The light of a frame, at the scene camera's white point.
 //!
 //! In the order in which data flows: the `scheduler` decides which light a frame is composed
-//! in and when its own is estimated; the `worker` runs the estimate, on its own thread in a live
-//! rig; the [`estimator`] turns environment pictures, gains ([`estimator`]) and the radiance of
+//! in and when its own is estimated; between two estimates it is interpolated, in a recording by
+//! the `timeline`, in a live rig by the `transition`, and `blended` makes it; the `worker` runs the
+//! estimate, on its own thread in a live rig; the [`estimator`] turns environment pictures, gains ([`estimator`]) and the radiance of
 //! real surfaces (`surfaces`) into lighting, and `indirect` adds the light that moving virtual
 //! objects reflect. `scene_tables` holds what the estimator derives from a scene; a changed scene
 //! reaches it through `updates`. `state` and `view` are the data in between.
 
+pub mod blended;
 pub mod estimator;
 mod indirect;
 pub mod report;
@@ -14,6 +16,8 @@ pub(crate) mod scene_tables;
 pub(crate) mod scheduler;
 pub mod state;
 mod surfaces;
+mod timeline;
+mod transition;
 pub(crate) mod updates;
 pub mod view;
 pub(crate) mod worker;

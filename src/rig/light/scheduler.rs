@@ -1,15 +1,16 @@
 //! Selects the light in which each frame is composed and schedules light estimates.
 //!
-//! Without a journal each frame of a recording waits for its own light. In a live rig only the
-//! first frame waits: light is estimated on a low-priority thread, one frame at a time, and a
-//! frame is composed in the newest light that is finished when its picture has been decoded. The
+//! Without a journal each frame of a recording waits for the light of its instant, between the
+//! environment pictures before and after it. In a live rig only the first frame waits: light is
+//! estimated on a low-priority thread, one frame at a time, and the light of the frames goes to
+//! the newest estimate that is finished when their pictures have been decoded. The
 //! estimate depends on earlier frames, so the journal records which frames it used and when each
 //! result became active. A replay repeats this: it estimates light from the same frames in the
 //! same order and holds each result back until the frame that was first composed in it.
 
 use crate::error::RigError;
 use crate::journal::JournalEntry;
-use crate::light::state::{ActiveLight, LightRequest, LightResult};
+use crate::light::state::{ActiveLight, LightRequest, LightResult, LightState};
 use crate::light::worker::{LightUpdater, LightWorker};
 use penumbra_interface::MonotonicTime;
 use penumbra_picture::Picture;
@@ -23,7 +24,7 @@ pub(crate) struct LightScheduler {
 
 /// When a light estimate becomes active.
 enum Mode {
-    /// Each frame waits for its own light.
+    /// Each frame waits for the light of its instant.
     PerFrame(Box<LightUpdater>),
     /// Live: as soon as it is finished.
     Live(LightWorker),
@@ -36,9 +37,12 @@ enum Mode {
 }
 
 impl LightScheduler {
-    /// Creates a scheduler in which each frame waits for its own light.
+    /// Creates a scheduler in which each frame waits for the light of its instant.
     pub fn per_frame(updater: LightUpdater) -> Self {
-        Self::new(Mode::PerFrame(Box::new(updater)))
+        Self {
+            mode: Mode::PerFrame(Box::new(updater)),
+            active: ActiveLight::exact(),
+        }
     }
 
     /// Creates a scheduler for a replay: light becomes active as recorded in the live rig's
@@ -66,7 +70,7 @@ impl LightScheduler {
     }
 
     /// Schedules the light estimate of a decoded picture and returns the record for the journal of
-    /// a live rig. Call [`Self::active_light`] afterwards.
+    /// a live rig. Call [`Self::active_light`] and [`Self::light_at`] afterwards.
     pub fn schedule(
         &mut self,
         request: &LightRequest,
@@ -75,20 +79,21 @@ impl LightScheduler {
     ) -> Option<LightRecord> {
         match &mut self.mode {
             Mode::PerFrame(updater) => {
-                self.active.activate(updater.estimate(request, picture));
+                let result = updater.estimate(request, picture);
+                self.active.activate(result, request.captured_at);
                 None
             }
             Mode::Live(worker) => Some(worker.schedule(&mut self.active, request, picture)),
             Mode::FromJournal { updater, held } => {
                 let estimate = || updater.estimate(request, picture);
-                follow_journal(&mut self.active, held, request.arrived_at, entry, estimate);
+                let at = [request.arrived_at, request.captured_at];
+                follow_journal(&mut self.active, held, at, entry, estimate);
                 None
             }
         }
     }
 
-    /// Returns the light in which the frame of the last [`Self::schedule`] is composed. Waits for
-    /// the first estimate.
+    /// Returns the active light after the last [`Self::schedule`]. Waits for the first estimate.
     pub fn active_light(&mut self) -> &mut ActiveLight {
         if let Mode::Live(worker) = &mut self.mode
             && self.active.is_missing()
@@ -97,13 +102,32 @@ impl LightScheduler {
         }
         &mut self.active
     }
+
+    /// Returns whether the light of the picture captured at `at` is known. If not, later pictures
+    /// must be scheduled first.
+    pub fn is_settled(&self, at: MonotonicTime) -> bool {
+        self.active.lights.is_settled(at)
+    }
+
+    /// Returns the light of the picture captured at `at`.
+    pub fn light_at(&mut self, at: MonotonicTime) -> LightState {
+        self.active.at(at)
+    }
+
+    /// Forgets the lights of a recording that starts again.
+    pub fn restart(&mut self) {
+        if let Mode::PerFrame(_) = self.mode {
+            self.active.lights = ActiveLight::exact().lights;
+        }
+    }
 }
 
-/// Repeats what the live rig did with the frame that arrived at `arrived_at`.
+/// Repeats what the live rig did with the frame that arrived at `arrived_at` and was captured at
+/// `captured_at`.
 fn follow_journal(
     active: &mut ActiveLight,
     held: &mut Option<LightResult>,
-    arrived_at: MonotonicTime,
+    [arrived_at, captured_at]: [MonotonicTime; 2],
     entry: JournalEntry,
     estimate: impl FnOnce() -> LightResult,
 ) {
@@ -119,12 +143,12 @@ fn follow_journal(
         None => light.picture_arrived_at < arrived_at,
     };
     if let Some(light) = held.take_if(|light| is_due(light)) {
-        active.activate(light);
+        active.activate(light, captured_at);
     }
     if record.is_none_or(|record| record.seen) {
         let light = estimate();
         if active.is_missing() || is_due(&light) {
-            active.activate(light);
+            active.activate(light, captured_at);
         } else {
             *held = Some(light);
         }
@@ -132,4 +156,4 @@ fn follow_journal(
 }
 
 #[cfg(test)]
-mod tests;
+pub(super) mod tests;

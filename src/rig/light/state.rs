@@ -1,5 +1,8 @@
 //! The data between the frame loop and the light worker: request, result, active light.
 
+use crate::light::blended::{Blend, LightMixer, LightSpan};
+use crate::light::timeline::LightTimeline;
+use crate::light::transition::LightTransition;
 use crate::light::view::SphereAt;
 use penumbra_interface::{Exposure, MonotonicTime, RigidTransform};
 use penumbra_lighting::adaptive::CompactSource;
@@ -64,6 +67,8 @@ pub(crate) struct LightResult {
 pub struct LightState {
     /// Light of the distant environment.
     pub lighting: Option<Arc<Lighting>>,
+    /// The lights between which it was interpolated for a frame; `None` in an estimate.
+    pub span: Option<LightSpan>,
     /// Indirect light: light that virtual objects reflect onto the scene and each other.
     pub indirect: Option<Arc<IndirectLight>>,
     /// State of the white balance between the cameras.
@@ -77,6 +82,11 @@ pub struct LightState {
 }
 
 impl LightState {
+    /// Returns the middle of the exposure of its environment picture; `None` without light.
+    pub(crate) fn captured_at(&self) -> Option<MonotonicTime> {
+        self.lighting.as_ref().map(|l| l.captured_at)
+    }
+
     /// Returns the number of dome lights and, of these, the number of compact sources.
     #[must_use]
     pub fn count(&self) -> (u32, u32) {
@@ -89,9 +99,10 @@ impl LightState {
 /// The light in which frames are composed.
 #[derive(Default)]
 pub(crate) struct ActiveLight {
-    /// The light.
-    pub state: LightState,
-    /// Arrival of the picture from which it was estimated.
+    /// The estimates from which the light of a frame is interpolated.
+    pub lights: Lights,
+    mixer: LightMixer,
+    /// Arrival of the picture from which the newest was estimated.
     pub picture_arrived_at: Option<MonotonicTime>,
     /// Duration of the estimate.
     pub took: Duration,
@@ -101,20 +112,80 @@ pub(crate) struct ActiveLight {
     pub preview: Option<Arc<Picture>>,
 }
 
+/// How light is interpolated in time.
+pub(crate) enum Lights {
+    /// At each picture's instant.
+    Exact(LightTimeline),
+    /// From one estimate to the next, as they become active.
+    Delayed(Box<LightTransition>),
+}
+
+impl Default for Lights {
+    fn default() -> Self {
+        Self::Delayed(Box::default())
+    }
+}
+
+impl Lights {
+    fn push(&mut self, state: LightState, at: MonotonicTime) {
+        match self {
+            Self::Exact(lights) => lights.push(state),
+            Self::Delayed(lights) => lights.push(state, at),
+        }
+    }
+
+    /// Returns the newest estimate.
+    pub fn newest(&self) -> Option<&LightState> {
+        match self {
+            Self::Exact(lights) => lights.newest(),
+            Self::Delayed(lights) => lights.newest(),
+        }
+    }
+
+    /// Returns whether the light of the picture captured at `at` is known.
+    pub fn is_settled(&self, at: MonotonicTime) -> bool {
+        match self {
+            Self::Exact(lights) => lights.is_settled(at),
+            Self::Delayed(_) => true,
+        }
+    }
+
+    fn blend_at(&mut self, at: MonotonicTime) -> Option<Blend<'_>> {
+        match self {
+            Self::Exact(lights) => lights.blend_at(at),
+            Self::Delayed(lights) => lights.blend_at(at),
+        }
+    }
+}
+
 impl ActiveLight {
-    /// Activates a result.
-    pub fn activate(&mut self, result: LightResult) {
+    /// Creates the light of a recording, interpolated at each picture's instant.
+    pub fn exact() -> Self {
+        Self {
+            lights: Lights::Exact(LightTimeline::default()),
+            ..Self::default()
+        }
+    }
+
+    /// Activates a result, with the picture captured at `at`.
+    pub fn activate(&mut self, result: LightResult, at: MonotonicTime) {
         self.picture_arrived_at = Some(result.picture_arrived_at);
         self.took = result.took;
         if let Some(state) = result.state {
-            self.state = state;
+            self.lights.push(state, at);
         }
         self.picture_error = result.picture_error.or(self.picture_error.take());
         self.preview = result.preview.or(self.preview.take());
     }
 
     /// Returns whether there is no light yet.
-    pub const fn is_missing(&self) -> bool {
-        self.state.lighting.is_none()
+    pub fn is_missing(&self) -> bool {
+        self.lights.newest().is_none()
+    }
+
+    /// Returns the light of the picture captured at `at`.
+    pub fn at(&mut self, at: MonotonicTime) -> LightState {
+        let blend = self.lights.blend_at(at);
+        blend.map_or_else(LightState::default, |blend| self.mixer.mix(blend))
     }
 }

@@ -8,7 +8,7 @@ use crate::light::{estimator::LightEstimator, view::SceneView};
 use crossbeam_channel::{Receiver, Sender, bounded};
 use glam::Quat;
 use penumbra_config::Technique;
-use penumbra_interface::threads;
+use penumbra_interface::{MonotonicTime, threads};
 use penumbra_lighting::{Lighting, cube};
 use penumbra_picture::Picture;
 use penumbra_session::LightRecord;
@@ -188,7 +188,7 @@ impl LightWorker {
         picture: &Picture,
     ) -> LightRecord {
         if let Ok(finished) = self.finished.try_recv() {
-            self.activate(active, finished);
+            self.activate(active, finished, request.captured_at);
         }
         let is_used = self.is_idle && self.send(request, picture);
         // The frame loop waits for the first light.
@@ -217,8 +217,13 @@ impl LightWorker {
         sent
     }
 
-    fn activate(&mut self, active: &mut ActiveLight, (light, job): (LightResult, LightJob)) {
-        active.activate(light);
+    fn activate(
+        &mut self,
+        active: &mut ActiveLight,
+        (light, job): (LightResult, LightJob),
+        at: MonotonicTime,
+    ) {
+        active.activate(light, at);
         self.recycled = job.picture;
         self.is_idle = true;
     }
@@ -228,7 +233,8 @@ impl LightWorker {
         if !self.is_idle
             && let Ok(finished) = self.finished.recv()
         {
-            self.activate(active, finished);
+            let at = finished.1.request.captured_at;
+            self.activate(active, finished, at);
         }
     }
 }

@@ -7,6 +7,7 @@
 //! from it the change of irradiance on the ground (a grid) and in the air around the objects (a
 //! volume of ambient cubes, McTaggart 2004).
 
+mod blend;
 mod directions;
 mod ground;
 mod obstacles;
@@ -19,6 +20,7 @@ mod surface;
 mod surfels;
 mod volume;
 
+pub use blend::IndirectLightBlender;
 pub use directions::{AXES, side_of};
 pub use obstacles::solid_phantoms;
 pub use result::{GROUND_SIDE, IndirectLight, Irradiance, PhantomRadiance, VOLUME_SIZE};

@@ -1,6 +1,6 @@
 //! Reflectance of a virtual part for indirect light.
 
-use crate::mesh::{Material, SceneTexture};
+use crate::mesh::Material;
 use glam::Vec3;
 use penumbra_lighting::lobes;
 use penumbra_lighting::lobes::Family;
@@ -22,11 +22,7 @@ pub(super) struct Surface {
 
 impl Surface {
     pub fn from_material(material: &Material) -> Self {
-        let texture = material
-            .base_colour_texture
-            .as_deref()
-            .map_or(Vec3::ONE, mean_colour);
-        let base = material.base_colour.truncate() * texture;
+        let base = material.mean_base_colour();
         let metallic = material.metallic.clamp(0.0, 1.0);
         let dielectric = DIELECTRIC * material.specular;
         if let Some(phong) = &material.phong {
@@ -45,19 +41,4 @@ impl Surface {
             emissive: material.emissive,
         }
     }
-}
-
-/// Mean linear colour of an sRGB texture, from at most 64² of its texels.
-fn mean_colour(texture: &SceneTexture) -> Vec3 {
-    let texels = texture.rgba.len() / 4;
-    let step = (texels / 4096).max(1);
-    let linear = |c: u8| penumbra_camera::linear_from_srgb(f32::from(c) / 255.0);
-    let colours = texture.rgba.chunks_exact(4).step_by(step);
-    let (sum, count) = colours.fold((Vec3::ZERO, 0.0f32), |(sum, n), c| {
-        (
-            sum + Vec3::new(linear(c[0]), linear(c[1]), linear(c[2])),
-            n + 1.0,
-        )
-    });
-    sum / count.max(1.0)
 }

@@ -94,7 +94,7 @@ function head(s) {
   put($('head-lights'), whole(s.lighting.dome_lights));
   put($('program'), `${s.program.name} ${s.program.version}, up ${duration(s.program.uptime_seconds)}`);
   const a = s.adapter;
-  put($('adapter'), a.name ? `Rendered by ${a.name} (${a.backend}, ${a.kind})` : '');
+  put($('adapter'), a.name ? `Rendered by ${a.name} (${a.backend}, ${a.kind})${a.losses ? `, lost ${whole(a.losses)} times` : ''}` : '');
 }
 
 function warnings(s) {

@@ -4,8 +4,12 @@ import { $, facts, flag, number, percent, pill, put, whole } from './text.js';
 
 const STATES = { off: ['off', 'idle'], baking: ['baking', 'warn'], ready: ['ready', 'good'], failed: ['failed', 'bad'] };
 
+function progress(p) {
+  return p.total ? `light ${whole(p.done)} of ${whole(p.total)}` : 'choosing the planes';
+}
+
 function description(p) {
-  if (p.state === 'baking') return `Basis image ${whole(p.done)} of ${whole(p.total)}; meanwhile the dome lights cast the shadows.`;
+  if (p.state === 'baking') return `Baking, ${progress(p)}; meanwhile the dome lights cast the shadows.`;
   if (p.state === 'failed') return 'The dome lights cast the shadows.';
   if (p.state !== 'ready') return 'Preparing.';
   const megabytes = `${number(p.bake_bytes / 1e6)} MB`;
@@ -13,11 +17,20 @@ function description(p) {
   return `Baked in ${number(p.bake_seconds)} s, ${megabytes}.`;
 }
 
+/** The state beside the choice of the technique; empty for another technique. */
+function hint(p) {
+  if (p.state === 'baking') return p.total ? `Baking: ${percent(p.done / p.total, 0)}.` : 'Choosing the planes …';
+  if (p.state === 'failed') return `No planes: ${p.reason}`;
+  if (p.state !== 'ready') return '';
+  return p.from_cache ? 'Ready, from the cache.' : `Ready, baked in ${number(p.bake_seconds)} s.`;
+}
+
 /** Shows counts and the work saved. */
 export function planes(s) {
   const p = s.planes;
   const shown = s.settings.technique === 'shadowing-planes';
   $('planes-card').hidden = !shown;
+  put($('technique-hint'), shown ? hint(p) : '');
   document.querySelectorAll('[data-only=planes]').forEach((row) => { row.hidden = !shown; });
   if (!shown) return;
   pill($('planes-pill'), ...(STATES[p.state] ?? [p.state, 'idle']));

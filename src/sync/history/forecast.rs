@@ -6,7 +6,7 @@
 //! (Bates & Granger, "The Combination of Forecasts", 1969), separately for position and orientation
 //! and for several lengths of prediction.
 
-use super::{PoseAt, PoseHistory, Provenance, Sample};
+use super::{PoseAt, PoseHistory, Provenance, Sample, Smoothing};
 use crate::fit::{Degree, Reading, noise_variance, value_at_zero};
 use glam::{DMat3, DQuat, DVec3};
 use penumbra_interface::{MonotonicTime, RigidTransform};
@@ -72,12 +72,32 @@ impl PoseHistory {
         }
         let forecasts = self.forecasts(time, after, last);
         let errors = self.errors.known_at(last.measured_at);
+        let pose = combined(&forecasts, errors.weights(age_nanos));
+        let pose = self.steadied(pose, last);
         Some(PoseAt {
-            transmitter_from_sensor: combined(&forecasts, errors.weights(age_nanos)),
+            transmitter_from_sensor: pose,
             provenance: Provenance::Predicted,
             age_nanos,
             sigma: errors.at(age_nanos),
         })
+    }
+
+    /// Returns the prediction `pose`, or the pose at rest where the sensor rests at its `last` reading.
+    fn steadied(&self, pose: RigidTransform, last: &Sample) -> RigidTransform {
+        let Smoothing::Local {
+            half_window_nanos,
+            degree,
+        } = self.config.smoothing
+        else {
+            return pose;
+        };
+        let now = (last.measured_at, last.measured_at);
+        let Some(local) = self.smooth(now, (half_window_nanos, degree), last) else {
+            return pose;
+        };
+        let (rest, share) = self.at_rest(now, half_window_nanos, local);
+        let translation = pose.translation.lerp(rest.pose.translation, share);
+        RigidTransform::new(pose.rotation.slerp(rest.pose.rotation, share), translation)
     }
 
     /// Updates the error statistics with the errors that predictions of this reading would have had.
@@ -166,7 +186,7 @@ impl PoseHistory {
         let readings = readings.map(|sample| sample.relative_to(time));
         let fit = value_at_zero(readings, Degree::Cubic, next.pose.rotation)?;
         let recent = self.samples.len().saturating_sub(NOISE_READINGS);
-        let noise = noise_variance(self.samples.range(recent..).map(|sample| &sample.pose))?;
+        let noise = noise_variance(self.samples.range(recent..).map(|s| s.relative_pose(time)))?;
         Some((fit.pose, noise))
     }
 }

@@ -3,6 +3,7 @@
 use crate::radiometric::chart::{FoundChart, find_charts};
 use crate::radiometric::curve::SeriesGatherer;
 use crate::radiometric::noise::NoiseGatherer;
+use crate::radiometric::noise_texture::NoiseTextureGatherer;
 use crate::radiometric::vignetting;
 use crate::radiometric::vignetting::Reading;
 use crate::step::PictureInput;
@@ -37,6 +38,7 @@ pub(super) struct CameraData {
     pub grey: Option<Vec<[u8; 3]>>,
     pub series: SeriesGatherer,
     pub noise: NoiseGatherer,
+    pub noise_texture: NoiseTextureGatherer,
     /// Number of pictures that show motion since the previous one.
     pub moved: usize,
     /// Centres of the patches found last, pixels.
@@ -123,6 +125,7 @@ impl CameraData {
                 self.series.add(&[(input.picture, now), (before, then)]);
             } else if is_static(before, input.picture) {
                 self.noise.add(before, input.picture);
+                self.noise_texture.add(before, input.picture);
             } else {
                 self.moved += 1;
             }

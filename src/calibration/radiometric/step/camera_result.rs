@@ -4,7 +4,7 @@ use crate::radiometric::curve::{Curve, NoCurve};
 use crate::radiometric::noise::Noise;
 use crate::radiometric::vignetting::VignettingFit;
 use crate::step::CameraRole;
-use penumbra_camera::Response;
+use penumbra_camera::{NoiseTexture, Response};
 
 /// Maximum relative standard error of a measured curve that replaces the known one.
 const MAX_CURVE_SIGMA: f64 = 0.12;
@@ -25,6 +25,8 @@ pub(super) struct CameraResult {
     /// Whether the active curve replaces the one in `rig.json`.
     pub replaces: bool,
     pub noise: Option<Noise>,
+    /// Correlation of the noise.
+    pub noise_texture: Option<NoiseTexture>,
     /// Vignetting, and whether it is from pictures of a uniform surface: only then it is used.
     pub vignetting: Option<(VignettingFit, bool)>,
     pub size: (u32, u32),

@@ -27,8 +27,8 @@ use penumbra_camera::vignetting::default_frame;
 use penumbra_picture::Picture;
 use penumbra_rig_model::Grade;
 use penumbra_rig_model::radiometric_file::{
-    CameraRecord, GainsRecord, NoiseRecord, RadiometricRecord, ResponseRecord, STEP,
-    VignettingRecord,
+    CameraRecord, GainsRecord, NoiseRecord, NoiseTextureRecord, RadiometricRecord, ResponseRecord,
+    STEP, VignettingRecord,
 };
 use penumbra_white_balance::GainEstimate;
 
@@ -91,6 +91,7 @@ impl Radiometric {
         let (response, replaces) = choose_response(curve.as_ref(), known);
         CameraResult {
             noise: state.noise.finish(&response.0),
+            noise_texture: state.noise_texture.finish(),
             response: Some(response),
             replaces,
             curve,
@@ -214,6 +215,11 @@ impl Radiometric {
                 read_sigma: n.read_sigma,
                 shot: n.shot,
                 shot_sigma: n.shot_sigma,
+                texture: camera.noise_texture.map(|t| NoiseTextureRecord {
+                    across: t.across,
+                    down: t.down,
+                    covariance: t.covariance,
+                }),
             }),
         }
     }

@@ -18,27 +18,12 @@ fn smooth_shadow_at(pixel: vec2i) -> vec3f {
     return sum / weight;
 }
 
-// The shadow buffer may be coarser than the picture: texels on the same surface are interpolated.
-fn shadow_at(pixel: vec2i, position: vec4f) -> vec3f {
-    let step = i32(non_uniform(frame.counts.z, position.w));
-    if FINE {
-        return smooth_shadow_at(pixel);
+// Light from the surface cache is filtered already.
+fn shadow_at(pixel: vec2i) -> vec3f {
+    if CACHED {
+        return textureLoad(shadow, pixel, 0).rgb;
     }
-    let surface = textureLoad(phantom_normal, pixel, 0);
-    let base = pixel >> vec2u(frame.tiling.z);
-    let part = vec2f(pixel - base * step) / f32(step);
-    let last = vec2i(textureDimensions(shadow)) - vec2i(1);
-    var sum = vec3f(0.0);
-    var weight = 0.0;
-    for (var k = 0; k < 4; k++) {
-        let o = vec2i(k & 1, k >> 1u);
-        let there = textureLoad(shadow, min(base + o, last), 0);
-        let bilinear = select(1.0 - part.x, part.x, o.x == 1) * select(1.0 - part.y, part.y, o.y == 1);
-        let w = bilinear * select(1e-3, 1.0, key_of(there.a) == surface.w);
-        sum += there.rgb * w;
-        weight += w;
-    }
-    return select(vec3f(select(1.0, 0.0, frame.counts.y == 1u)), sum / weight, surface.z == 1.0);
+    return smooth_shadow_at(pixel);
 }
 
 fn shadowed(code: vec3f, factor: vec3f, pixel: vec2i) -> vec3f {
@@ -62,7 +47,7 @@ fn across_real_edge(pixel: vec2i, own: vec4f, last: vec2i) -> f32 {
         let r = EDGE_ERROR * select(1.0, 0.5, k >= 8);
         let q = clamp(pixel + vec2i(round(around(k) * r)), vec2i(0), last);
         let there = textureLoad(shadow, q, 0);
-        let differs = any(abs(there.rgb - own.rgb) > vec3f(0.15));
+        let differs = any(abs(there.rgb - own.rgb) > vec3f(EDGE_CONTRAST));
         other = select(other, key_of(there.a), differs & real_edge(own.a, there.a));
     }
     return other;
@@ -110,12 +95,13 @@ fn beside_edge(pixel: vec2i) -> Range {
     return range;
 }
 
-fn background_at(pixel: vec2i, position: vec4f) -> vec4f {
+// `near_edge`: whether a real edge may be near.
+fn background_at(pixel: vec2i, near_edge: bool) -> vec4f {
     let code = textureLoad(camera, pixel, 0);
-    let factor = shadow_at(pixel, position);
+    let factor = shadow_at(pixel);
     let added = added_at(pixel);
     var range = Range(vec3f(1.0), vec3f(0.0));
-    if FINE && frame.counts.y == 0u {
+    if near_edge && frame.counts.y == 0u {
         range = beside_edge(pixel);
     }
     let free = range.low.r > range.high.r;

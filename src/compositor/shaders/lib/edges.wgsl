@@ -7,6 +7,8 @@
 
 // Maximum error of the proxies' edges, picture pixels.
 const EDGE_ERROR = 3.0;
+// Difference of shadow across an edge from which on it matters.
+const EDGE_CONTRAST = 0.15;
 // Levels to which the light share beside a surface's key is quantised.
 const SHARE_LEVELS = 7.0;
 

@@ -15,7 +15,7 @@ struct Frame {
     clip_from_world: mat4x4f,
     // Irradiance polynomial of the environment without its compact sources.
     harmonics: array<vec4f, 9>,
-    // Number of lights, shadow mode, step of the shadow buffer in pixels, highest mip of the
+    // Number of lights, shadow mode, 1 where planes leave out compact sources, highest mip of the
     // radiance map.
     counts: vec4u,
     // Shadow strength, ground height (metres), 1 where there is a ground, highest mip of the
@@ -24,9 +24,9 @@ struct Frame {
     // Radiance of the ground where the picture does not show it; w = factor of the exposure, 1 for
     // the camera's own.
     ground: vec4f,
-    // Lights per bit of a tile's mask, side of a tile in picture pixels, logarithms of the shadow
-    // buffer's step and of the tile's side: software drivers divide integers lane by lane, so code
-    // that runs per pixel or per light shifts instead.
+    // Lights per bit of a tile's mask, side of a tile in picture pixels, 0, logarithm of the side:
+    // software drivers divide integers lane by lane, so code that runs per pixel or per light shifts
+    // instead.
     tiling: vec4u,
     // Region around the virtual objects, world; w of the first = 1 if it has indirect light.
     indirect_low: vec4f,

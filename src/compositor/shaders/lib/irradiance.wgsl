@@ -8,12 +8,6 @@ fn ground_irradiance(n: vec3f) -> vec3f {
     return frame.params.z * frame.ground.rgb * (PI * 0.5 * (1.0 - n.z));
 }
 
-fn by_normal(table: texture_2d<f32>, n: vec3f) -> vec3f {
-    let side = f32(textureDimensions(table).x);
-    let uv = ((octahedron_from_normal(n) * 0.5 + 0.5) * (side - 1.0) + 0.5) / side;
-    return textureSampleLevel(table, table_sampler, uv, 0.0).rgb;
-}
-
 fn indirect_facing(face: f32, at: vec3f) -> vec3f {
     let size = vec3f(textureDimensions(indirect_volume)) * vec3f(1.0 / 18.0, 1.0, 1.0);
     // Half a probe from the walls, so that neighbouring volumes do not mix.

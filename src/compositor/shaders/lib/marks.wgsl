@@ -9,6 +9,7 @@
 @group(2) @binding(6) var covered_tiles: texture_2d<u32>;
 @group(2) @binding(7) var phantom_lamps: texture_2d<u32>;
 @group(2) @binding(8) var virtual_lamps: texture_2d<u32>;
+IF_CACHED @group(2) @binding(9) var phantom_place: texture_2d<u32>;
 
 // Texels that need work are first marked in a depth buffer, and the work is drawn with a depth
 // test: software drivers run both sides of every branch, but skip fragments that fail the test.
@@ -22,7 +23,7 @@ fn behind_marks(@builtin(vertex_index) i: u32) -> @builtin(position) vec4f {
 // Marks real surfaces in tiles that may lose some light.
 @fragment
 fn mark_phantoms(@builtin(position) at: vec4f) -> @builtin(frag_depth) f32 {
-    let pixel = vec2i(at.xy) * i32(frame.counts.z);
+    let pixel = vec2i(at.xy);
     let there = textureLoad(phantom_normal, pixel, 0).z == 1.0;
     let loses_light = any(textureLoad(phantom_tiles, tile_of(pixel), 0).xy != vec2u(0u));
     return select(0.0, MARK, there & loses_light);
@@ -31,18 +32,15 @@ fn mark_phantoms(@builtin(position) at: vec4f) -> @builtin(frag_depth) f32 {
 // Marks texels that virtual surfaces cover at least partly.
 @fragment
 fn mark_virtual(@builtin(position) at: vec4f) -> @builtin(frag_depth) f32 {
-    let step = i32(non_uniform(frame.counts.z, at.w));
-    return select(0.0, MARK, covered_sample(vec2i(at.xy) * step, step).z >= 0);
+    return select(0.0, MARK, covered_sample(vec2i(at.xy)).z >= 0);
 }
 
-// First covered sample in the texel's block of pixels: x, y = pixel, z = sample; z < 0 = none.
-fn covered_sample(corner: vec2i, step: i32) -> vec3i {
-    let last = select(-1, step * step * SAMPLES - 1, tile_is_covered(tile_of(corner)));
+// The pixel and its first covered sample; z < 0 = none.
+fn covered_sample(pixel: vec2i) -> vec3i {
+    let last = select(-1, SAMPLES - 1, tile_is_covered(tile_of(pixel)));
     for (var i = 0; i <= last; i++) {
-        let k = i / SAMPLES;
-        let pixel = corner + vec2i(k & (step - 1), k >> frame.tiling.z);
-        if is_surface(textureLoad(virtual_shape, pixel, i % SAMPLES)) {
-            return vec3i(pixel, i % SAMPLES);
+        if is_surface(textureLoad(virtual_shape, pixel, i)) {
+            return vec3i(pixel, i);
         }
     }
     return vec3i(0, 0, -1);

@@ -9,6 +9,8 @@ struct PackedSurface {
     // Metallic, roughness, specular, occlusion, 8 bits each, or for Phong's lobe the square root of
     // the specular colour and log2(exponent + 1) / 14; emissive.
     @location(1) material: vec4u,
+    IF_CACHED // Place in the surface cache.
+    IF_CACHED @location(2) place: vec2u,
 }
 
 fn halves(a: u32, b: u32) -> vec4u {

@@ -7,7 +7,7 @@ use crate::setup::RigSetup;
 use crossbeam_channel::bounded;
 use penumbra_config::Config;
 use penumbra_config::Technique;
-use penumbra_lighting::{CubeMap, Harmonics, Lighting};
+use penumbra_lighting::{CubeMap, DomeLight, Harmonics, LightKind, Lighting};
 use penumbra_rig_model::RigDocument;
 use penumbra_scene::Scene;
 use penumbra_status::Settings;
@@ -15,31 +15,51 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 use tokio::sync::watch;
 
-fn at(number: i64) -> MonotonicTime {
-    MonotonicTime::from_nanos(number * 33_000_000)
+fn frame(number: i64) -> MonotonicTime {
+    at(33 * number)
 }
 
-/// Returns light that is identified by the number of its frame.
-fn light_of(number: i64) -> LightResult {
+pub(in crate::light) fn at(millis: i64) -> MonotonicTime {
+    MonotonicTime::from_nanos(millis * 1_000_000)
+}
+
+/// Returns light from an environment picture at `millis`: one dome light above.
+pub(in crate::light) fn light_state(millis: i64, flux: f32) -> LightState {
     let lighting = Lighting {
-        captured_at: at(number),
-        generation: number.unsigned_abs(),
+        captured_at: at(millis),
+        generation: millis.unsigned_abs(),
         radiance: Arc::new(CubeMap {
             size: 1,
             levels: vec![vec![[1.0; 3]; 6]],
             ..CubeMap::default()
         }),
         irradiance: Harmonics::default(),
-        lights: Vec::new(),
+        lights: vec![DomeLight {
+            direction: glam::Vec3::Z,
+            irradiance: glam::Vec3::splat(flux),
+            angular_radius: 0.2,
+            kind: LightKind::Cell,
+        }],
         ground_radiance: glam::Vec3::ZERO,
         faces: None,
     };
+    LightState {
+        lighting: Some(Arc::new(lighting)),
+        ..LightState::default()
+    }
+}
+
+/// Returns the flux of a light.
+pub(in crate::light) fn total(state: &LightState) -> f32 {
+    let lights = state.lighting.iter().flat_map(|l| &l.lights);
+    lights.map(|l| l.irradiance.x).sum()
+}
+
+/// Returns light that is identified by the number of its frame.
+fn light_of(number: i64) -> LightResult {
     LightResult {
-        picture_arrived_at: at(number),
-        state: Some(LightState {
-            lighting: Some(Arc::new(lighting)),
-            ..LightState::default()
-        }),
+        picture_arrived_at: frame(number),
+        state: Some(light_state(33 * number, 1.0)),
         took: Duration::from_millis(5),
         picture_error: None,
         preview: None,
@@ -48,14 +68,14 @@ fn light_of(number: i64) -> LightResult {
 
 /// Returns the frame number of the active light.
 fn light_number(active: &ActiveLight) -> Option<i64> {
-    let lighting = active.state.lighting.as_ref()?;
-    Some(lighting.captured_at.as_nanos() / 33_000_000)
+    let newest = active.lights.newest()?.captured_at()?;
+    Some(newest.as_nanos() / 33_000_000)
 }
 
 fn composed(seen: bool, lit_by: i64) -> JournalEntry {
     JournalEntry::Composed(Some(LightRecord {
         seen,
-        lit_by: Some(at(lit_by)),
+        lit_by: Some(frame(lit_by)),
     }))
 }
 
@@ -65,7 +85,7 @@ fn replay(first: i64, entries: &[JournalEntry]) -> (Vec<i64>, Vec<Option<i64>>) 
     let (mut active, mut held) = (ActiveLight::default(), None);
     let (mut estimated, mut lit) = (Vec::new(), Vec::new());
     for (number, entry) in (first..).zip(entries) {
-        follow_journal(&mut active, &mut held, at(number), *entry, || {
+        follow_journal(&mut active, &mut held, [frame(number); 2], *entry, || {
             estimated.push(number);
             light_of(number)
         });
@@ -145,8 +165,8 @@ fn request(number: i64) -> LightRequest {
     LightRequest {
         seconds: 0.0,
         sphere: crate::light::view::SphereAt::Calibrated,
-        arrived_at: at(number),
-        captured_at: at(number),
+        arrived_at: frame(number),
+        captured_at: frame(number),
         exposure: None,
         world_from_camera: None,
         environment: None,
@@ -169,10 +189,13 @@ fn frames_wait_for_their_own_light_until_one_is_found() {
         let record = lights.schedule(&request(number), &picture(), JournalEntry::None);
         let own = LightRecord {
             seen: true,
-            lit_by: Some(at(number)),
+            lit_by: Some(frame(number)),
         };
         assert_eq!(record, Some(own));
-        assert_eq!(lights.active_light().picture_arrived_at, Some(at(number)));
+        assert_eq!(
+            lights.active_light().picture_arrived_at,
+            Some(frame(number))
+        );
     }
 }
 
@@ -188,11 +211,11 @@ fn active_light_lets_frames_pass_with_one_estimate_at_a_time() {
         thread: None,
     };
     let mut active = ActiveLight::default();
-    active.activate(light_of(0));
+    active.activate(light_of(0), frame(0));
     let mut schedule = |number| worker.schedule(&mut active, &request(number), &picture());
     let record = |seen, lit_by| LightRecord {
         seen,
-        lit_by: Some(at(lit_by)),
+        lit_by: Some(frame(lit_by)),
     };
     let begun = Instant::now();
     assert_eq!(schedule(1), record(true, 0));

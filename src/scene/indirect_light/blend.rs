@@ -1,0 +1,119 @@
+//! Blends the indirect light of two instants.
+
+use super::result::{IndirectLight, Irradiance};
+use glam::Vec3;
+use std::sync::Arc;
+
+/// Marks the generations of blends, which never equal those of the solver.
+const BLENDED: u64 = 1 << 63;
+/// Maximum number of recycled blends: in use by the compositor, waiting for it, being prepared.
+const MAX_RECYCLED: usize = 4;
+
+/// Blends pairs of solutions into recycled buffers.
+#[derive(Debug, Default)]
+pub struct IndirectLightBlender {
+    count: u64,
+    recycled: Vec<Arc<IndirectLight>>,
+}
+
+impl IndirectLightBlender {
+    /// Returns the linear blend of `from` (`weight` 0) and `to` (`weight` 1): one of them itself
+    /// at the ends and where they cover different regions, otherwise with a new generation.
+    pub fn blend(
+        &mut self,
+        from: &Arc<IndirectLight>,
+        to: &Arc<IndirectLight>,
+        weight: f32,
+    ) -> Arc<IndirectLight> {
+        let is_same_region = (from.low, from.high) == (to.low, to.high);
+        let are_solved = from.generation != 0 && to.generation != 0;
+        if weight >= 1.0 || from.generation == to.generation || !is_same_region || !are_solved {
+            return Arc::clone(to);
+        }
+        if weight <= 0.0 {
+            return Arc::clone(from);
+        }
+        let is_free = |buffer: &mut Arc<IndirectLight>| Arc::get_mut(buffer).is_some();
+        let mut blend = match self.recycled.iter_mut().position(is_free) {
+            Some(at) => self.recycled.swap_remove(at),
+            None => Arc::new(IndirectLight::clone(to)),
+        };
+        self.count += 1;
+        // Only this function holds the buffer, so nothing is copied.
+        let out = Arc::make_mut(&mut blend);
+        (out.low, out.high) = (to.low, to.high);
+        out.generation = BLENDED | self.count;
+        blend_irradiance(&from.change, &to.change, weight, &mut out.change);
+        blend_irradiance(&from.real, &to.real, weight, &mut out.real);
+        blend_irradiance(&from.real_now, &to.real_now, weight, &mut out.real_now);
+        if self.recycled.len() < MAX_RECYCLED {
+            self.recycled.push(Arc::clone(&blend));
+        }
+        blend
+    }
+}
+
+fn blend_irradiance(from: &Irradiance, to: &Irradiance, weight: f32, out: &mut Irradiance) {
+    blend_values(&from.ground, &to.ground, weight, &mut out.ground);
+    for (k, out) in out.volume.iter_mut().enumerate() {
+        blend_values(&from.volume[k], &to.volume[k], weight, out);
+    }
+}
+
+fn blend_values(from: &[Vec3], to: &[Vec3], weight: f32, out: &mut Vec<Vec3>) {
+    out.clear();
+    out.extend(from.iter().zip(to).map(|(a, b)| a.lerp(*b, weight)));
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn light(generation: u64, value: f32) -> Arc<IndirectLight> {
+        let irradiance = Irradiance {
+            ground: vec![Vec3::splat(value); 4],
+            volume: std::array::from_fn(|k| vec![Vec3::splat(value + k as f32); 3]),
+        };
+        Arc::new(IndirectLight {
+            generation,
+            low: Vec3::ZERO,
+            high: Vec3::ONE,
+            change: irradiance.clone(),
+            real: irradiance.clone(),
+            real_now: irradiance,
+        })
+    }
+
+    #[test]
+    fn blend_is_linear_and_recycles_its_buffers() {
+        let (from, to, mut blender) = (
+            light(1, 1.0),
+            light(2, 3.0),
+            IndirectLightBlender::default(),
+        );
+        let blend = blender.blend(&from, &to, 0.25);
+        assert_eq!(blend.change.ground, vec![Vec3::splat(1.5); 4]);
+        assert_eq!(blend.real_now.volume[5], vec![Vec3::splat(6.5); 3]);
+        assert_eq!(blender.blend(&from, &to, 0.0).generation, 1);
+        assert_eq!(blender.blend(&from, &to, 1.0).generation, 2);
+        let (address, generation) = (Arc::as_ptr(&blend), blend.generation);
+        drop(blend);
+        let next = blender.blend(&from, &to, 0.5);
+        assert_eq!(Arc::as_ptr(&next), address);
+        assert!(next.generation > generation);
+    }
+
+    #[test]
+    fn other_region_or_unsolved_light_is_not_blended() {
+        let (from, mut to) = (light(1, 1.0), light(2, 3.0));
+        Arc::make_mut(&mut to).high = Vec3::splat(2.0);
+        let mut blender = IndirectLightBlender::default();
+        assert_eq!(blender.blend(&from, &to, 0.5).generation, 2);
+        assert_eq!(
+            blender
+                .blend(&light(0, 0.0), &light(1, 1.0), 0.5)
+                .generation,
+            1
+        );
+    }
+}

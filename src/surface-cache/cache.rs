@@ -1,0 +1,437 @@
+//! The cache of a scene: pages on all receivers, the visibility of each light on each page, and the
+//! sums.
+
+use crate::casters::{Casters, Maps};
+use crate::layout::{Bounds, Layout, Page, Receiver, TEXELS};
+use crate::receivers::{CachedPart, Layer, MovingReceiver, bounds_of, receivers};
+use crate::sums::{Packed, PageLight, Sums, Unshadowed};
+use crate::texels::{PageTexels, texels};
+use crate::visibility::{Disc, LitMap, Offset, Reach};
+use glam::{DMat4, Vec3};
+use half::f16;
+use penumbra_interface::threads;
+use penumbra_lighting::{DomeLight, Harmonics, LightKind, Lighting};
+use penumbra_scene::{IndirectLight, Part, Scene};
+use std::sync::{Arc, Mutex};
+
+/// Sizes of a cache.
+#[derive(Clone, Copy, Debug)]
+pub struct CacheOptions {
+    /// Maximum number of pages.
+    pub pages: usize,
+    /// Texels along a side of a light's depth maps, a multiple of 8.
+    pub map_size: usize,
+    /// Maximum number of lights.
+    pub lights: usize,
+}
+
+/// The light of an update.
+#[derive(Clone, Copy)]
+pub struct SurfaceLight<'a> {
+    /// Changes with the light.
+    pub generation: u64,
+    /// Of the environment without its compact sources.
+    pub irradiance: &'a Harmonics,
+    /// Mean radiance of the ground.
+    pub ground_radiance: Vec3,
+    /// The dome lights within the budget.
+    pub lights: &'a [DomeLight],
+    /// Indirect light, if it is wanted.
+    pub indirect: Option<&'a IndirectLight>,
+}
+
+impl<'a> SurfaceLight<'a> {
+    /// The light of `lighting`, of whose dome lights `lights` are within the budget.
+    #[must_use]
+    pub fn new(
+        lighting: &'a Lighting,
+        lights: &'a [DomeLight],
+        indirect: Option<&'a IndirectLight>,
+    ) -> Self {
+        Self {
+            generation: lighting.generation,
+            irradiance: &lighting.irradiance,
+            ground_radiance: lighting.ground_radiance,
+            lights,
+            indirect,
+        }
+    }
+
+    /// The light of `lights` alone, some of those of `lighting`; `none` is no irradiance.
+    #[must_use]
+    pub fn only(lighting: &Lighting, lights: &'a [DomeLight], none: &'a Harmonics) -> Self {
+        Self {
+            // Another light than the whole of `lighting`.
+            generation: !lighting.generation,
+            irradiance: none,
+            ground_radiance: Vec3::ZERO,
+            lights,
+            indirect: None,
+        }
+    }
+
+    /// Generations of the light and of the indirect light.
+    fn generations(&self) -> (u64, u64) {
+        (self.generation, self.indirect.map_or(0, |l| l.generation))
+    }
+}
+
+/// A page of texels on a surface.
+#[derive(Clone, Debug)]
+pub struct ReceiverPage {
+    /// The part to which the surface belongs.
+    pub layer: Layer,
+    /// Bounds of its used texels.
+    pub bounds: Bounds,
+    /// Its texels.
+    pub texels: Arc<PageTexels>,
+}
+
+/// One light's visibility on all pages.
+struct LightPages {
+    /// Past virtual casters, past phantoms.
+    reach: [Vec<Reach>; 2],
+    seen: [Vec<u8>; 2],
+    /// Whether a page is another one since the visibility was last found.
+    is_touched: Vec<bool>,
+}
+
+/// The sums of a page.
+struct PageSums {
+    texels: [Vec<[f16; 4]>; 2],
+    is_shadowed: bool,
+}
+
+/// The cache of one scene.
+pub struct SurfaceCache {
+    pub(crate) parts: Vec<CachedPart>,
+    pub(crate) layout: Layout,
+    pub(crate) texels: Vec<Arc<PageTexels>>,
+    bounds: Vec<Bounds>,
+    casters: Casters,
+    moving: Vec<MovingReceiver>,
+    /// For the lights that stand for cells, and for compact ones.
+    discs: [Disc; 2],
+    has_ground: bool,
+    lights: Vec<LightPages>,
+    sums: Vec<PageSums>,
+    /// Generations of the light and of the indirect light in the sums.
+    summed: Option<(u64, u64)>,
+    /// Pages that the last update has changed, as a list and by number.
+    changed: Vec<u32>,
+    is_changed: Vec<bool>,
+    /// One for each thread.
+    maps: Vec<Mutex<Maps>>,
+}
+
+impl SurfaceCache {
+    /// Places texels on the surfaces of `scene`. `casters` are its virtual parts as they cast
+    /// shadows.
+    #[must_use]
+    pub fn new(scene: &Scene, casters: &[Part], options: &CacheOptions) -> Self {
+        let (parts, normals) = receivers(scene);
+        let casters = Casters::new(scene, casters);
+        let receivers: Vec<&Receiver> = parts.iter().map(|p| &p.receiver).collect();
+        let layout = Layout::fitted(&receivers, casters.virtual_bounds(), options.pages);
+        let place = |page: &Page| {
+            let receiver = receivers[page.receiver];
+            Arc::new(texels(&layout, page, receiver, &normals[page.receiver]))
+        };
+        let texels: Vec<Arc<PageTexels>> = layout.pages.iter().map(place).collect();
+        let pages = layout.pages.len();
+        let light = || LightPages {
+            reach: [vec![Reach::Open; pages], vec![Reach::Open; pages]],
+            seen: [vec![0; pages * TEXELS], vec![0; pages * TEXELS]],
+            is_touched: vec![false; pages],
+        };
+        let sums = || PageSums {
+            texels: [vec![[f16::ZERO; 4]; TEXELS], vec![[f16::ZERO; 4]; TEXELS]],
+            is_shadowed: false,
+        };
+        Self {
+            lights: (0..options.lights).map(|_| light()).collect(),
+            sums: (0..pages).map(|_| sums()).collect(),
+            bounds: texels.iter().map(|t| bounds_of(t)).collect(),
+            moving: MovingReceiver::all(scene, &parts, &layout, &texels),
+            parts,
+            layout,
+            texels,
+            casters,
+            discs: SAMPLES.map(Disc::new),
+            has_ground: scene.ground_height.is_some(),
+            summed: None,
+            changed: Vec::with_capacity(pages),
+            is_changed: vec![false; pages],
+            maps: (0..threads::processors())
+                .map(|_| Mutex::new(Maps::new(options.map_size)))
+                .collect(),
+        }
+    }
+
+    /// Number of pages.
+    #[must_use]
+    pub fn page_count(&self) -> usize {
+        self.layout.pages.len()
+    }
+
+    /// All pages by number, as they lie now.
+    #[must_use]
+    pub fn receiver_pages(&self) -> Vec<ReceiverPage> {
+        let each = self.layout.pages.iter().zip(&self.texels);
+        let each = each.zip(&self.bounds);
+        each.map(|((page, texels), bounds)| ReceiverPage {
+            layer: self.parts[page.receiver].layer,
+            bounds: *bounds,
+            texels: texels.clone(),
+        })
+        .collect()
+    }
+
+    /// Length of the finest texels, metres.
+    #[must_use]
+    pub fn texel(&self) -> f32 {
+        self.layout.texel
+    }
+
+    /// Moves a moving virtual part to `world`, as a receiver and as a caster. The visibility of
+    /// lights follows as they are renewed.
+    pub fn place(&mut self, part: usize, world: DMat4) {
+        self.casters.place(part, world);
+        if let Some(moving) = self.moving.iter().find(|moving| moving.is(part)) {
+            moving.place(world, &mut self.texels, &mut self.bounds);
+            moving.pages().for_each(|p| self.is_changed[p] = true);
+        }
+    }
+
+    /// Whether it has the light of some update.
+    #[must_use]
+    pub const fn is_summed(&self) -> bool {
+        self.summed.is_some()
+    }
+
+    /// Whether an update without renewed lights would change anything.
+    #[must_use]
+    pub fn is_outdated(&self, light: &SurfaceLight<'_>) -> bool {
+        self.summed != Some(light.generations()) || self.is_changed.contains(&true)
+    }
+
+    /// Finds the visibility of the lights `renewed` (by number) again and brings the sums of all
+    /// pages up to date with `light`; returns the pages that have changed. Lights that are not
+    /// renewed cast the shadows of the direction for which their visibility was found.
+    pub fn update(&mut self, light: &SurfaceLight<'_>, renewed: &[usize]) -> &[u32] {
+        self.renew(light, renewed);
+        let wanted = light.generations();
+        if self.summed != Some(wanted) {
+            self.is_changed.fill(true);
+            self.summed = Some(wanted);
+        }
+        let pages = self.is_changed.iter_mut().zip(0..);
+        self.changed.clear();
+        self.changed
+            .extend(pages.filter_map(|(changed, p)| std::mem::take(changed).then_some(p)));
+        self.sum(light);
+        &self.changed
+    }
+
+    fn renew(&mut self, light: &SurfaceLight<'_>, renewed: &[usize]) {
+        let view = PagesView {
+            parts: &self.parts,
+            layout: &self.layout,
+            texels: &self.texels,
+            bounds: &self.bounds,
+            casters: &self.casters,
+            discs: &self.discs,
+        };
+        let mut jobs: Vec<(&mut LightPages, &DomeLight)> = self
+            .lights
+            .iter_mut()
+            .zip(light.lights)
+            .enumerate()
+            .filter_map(|(i, job)| renewed.contains(&i).then_some(job))
+            .collect();
+        // A thread for each light; those that are left over are divided between threads.
+        let whole = jobs.len() - jobs.len() % self.maps.len();
+        let divided = jobs.split_off(whole);
+        let maps = &self.maps;
+        threads::for_each(jobs, |(kept, light)| {
+            let free = maps.iter().find_map(|maps| maps.try_lock().ok());
+            if let Some(mut maps) = free {
+                view.renew(kept, light, &mut maps, false);
+            }
+        });
+        for (kept, light) in divided {
+            if let Some(mut maps) = maps.first().and_then(|maps| maps.lock().ok()) {
+                view.renew(kept, light, &mut maps, true);
+            }
+        }
+        for kept in &mut self.lights {
+            for (changed, touched) in self.is_changed.iter_mut().zip(&mut kept.is_touched) {
+                *changed |= std::mem::take(touched);
+            }
+        }
+    }
+
+    fn sum(&mut self, light: &SurfaceLight<'_>) {
+        if self.changed.is_empty() {
+            return;
+        }
+        let unshadowed = Unshadowed::new(light, self.has_ground);
+        let view = SumsView {
+            parts: &self.parts,
+            layout: &self.layout,
+            texels: &self.texels,
+            lights: &self.lights,
+            of: light.lights,
+            unshadowed: &unshadowed,
+            indirect: light.indirect,
+        };
+        let mut wanted = self.changed.iter().copied().peekable();
+        let sums = self.sums.iter_mut().zip(0..);
+        let mut pages: Vec<(&mut PageSums, u32)> = sums
+            .filter(|(_, p)| wanted.next_if_eq(p).is_some())
+            .collect();
+        threads::for_each(pages.chunks_mut(CHUNK).collect(), |chunk| {
+            let mut buffers = Sums::new();
+            for (sums, p) in chunk {
+                view.sum(&mut buffers, *p as usize, sums);
+            }
+        });
+    }
+
+    /// The sums of a page, row by row with its border: on real surfaces the light that virtual
+    /// casters block and the light that arrives; on virtual ones the irradiance times a weight,
+    /// with the weight in alpha, and nothing.
+    #[must_use]
+    pub fn page(&self, page: u32) -> (&[[f16; 4]], &[[f16; 4]]) {
+        let [first, second] = &self.sums[page as usize].texels;
+        (first, second)
+    }
+
+    /// Bounds of the pages of real surfaces on which something is in shadow.
+    pub fn shadowed(&self) -> impl Iterator<Item = Bounds> {
+        let pages = self.bounds.iter().zip(&self.sums);
+        pages.filter_map(|(bounds, sums)| sums.is_shadowed.then_some(*bounds))
+    }
+}
+
+/// Look-ups for the search for blockers and for the filter, each, of a light that stands for a cell
+/// and of a compact one, whose shadow is seen by itself: on a texel, and on one of those between
+/// which visibility is interpolated.
+const SAMPLES: [[usize; 2]; 2] = [[8, 16], [16, 64]];
+/// Pages that a thread sums at a time.
+const CHUNK: usize = 64;
+
+/// What the sums are made of.
+struct SumsView<'a> {
+    parts: &'a [CachedPart],
+    layout: &'a Layout,
+    texels: &'a [Arc<PageTexels>],
+    lights: &'a [LightPages],
+    of: &'a [DomeLight],
+    unshadowed: &'a Unshadowed,
+    indirect: Option<&'a IndirectLight>,
+}
+
+impl SumsView<'_> {
+    fn sum(&self, buffers: &mut Sums, p: usize, sums: &mut PageSums) {
+        let page = &self.texels[p];
+        let lights = self.lights.iter().zip(self.of);
+        let lights = lights.filter_map(|(kept, light)| kept.on_page(p, light));
+        let [first, second] = &mut sums.texels;
+        let mut packed = Packed {
+            first: first.as_flattened_mut(),
+            second: second.as_flattened_mut(),
+        };
+        let (unshadowed, indirect) = (self.unshadowed, self.indirect);
+        let part = &self.parts[self.layout.pages[p].receiver];
+        match part.layer {
+            Layer::Phantom(_) => {
+                sums.is_shadowed = buffers.real(page, lights, unshadowed, indirect, &mut packed);
+            }
+            Layer::Virtual(_) => {
+                let albedo = part.albedo;
+                buffers.remaining(page, lights, unshadowed, indirect, albedo, &mut packed);
+            }
+        }
+    }
+}
+
+/// What finding the visibility of a light reads.
+struct PagesView<'a> {
+    parts: &'a [CachedPart],
+    layout: &'a Layout,
+    texels: &'a [Arc<PageTexels>],
+    bounds: &'a [Bounds],
+    casters: &'a Casters,
+    discs: &'a [Disc; 2],
+}
+
+/// Some pages of one light: number of the first, visibility past casters of one kind, reach,
+/// whether they have changed.
+type SomePages<'a> = (usize, &'a mut [u8], &'a mut [Reach], &'a mut [bool]);
+
+impl PagesView<'_> {
+    /// Finds the visibility of a light on all pages, `divided` between threads or on this one.
+    fn renew(&self, kept: &mut LightPages, light: &DomeLight, maps: &mut Maps, divided: bool) {
+        let chunk = if divided {
+            CHUNK
+        } else {
+            self.texels.len().max(1)
+        };
+        let is_compact = light.kind == LightKind::Compact;
+        let drawn = self.casters.draw(light.direction, maps.of(is_compact));
+        for (which, map) in drawn.into_iter().enumerate() {
+            let lit = map.map(|(map, view)| LitMap {
+                map,
+                view,
+                to_light: light.direction,
+                spread: light.angular_radius.tan(),
+                disc: &self.discs[usize::from(is_compact)],
+            });
+            let seen = kept.seen[which].chunks_mut(chunk * TEXELS);
+            let reach = kept.reach[which].chunks_mut(chunk);
+            let touched = kept.is_touched.chunks_mut(chunk);
+            let pages = seen.zip(reach).zip(touched).enumerate();
+            let pages = pages.map(|(i, ((s, r), t))| (i * chunk, s, r, t)).collect();
+            threads::for_each(pages, |pages| self.find(lit.as_ref(), which, pages));
+        }
+    }
+
+    fn find(&self, lit: Option<&LitMap<'_>>, which: usize, pages: SomePages<'_>) {
+        let (first, seen, reach, touched) = pages;
+        let each = seen.chunks_exact_mut(TEXELS).zip(reach).zip(touched);
+        for (p, ((seen, reach), touched)) in (first..).zip(each) {
+            let before = *reach;
+            *reach = lit.map_or(Reach::Open, |lit| self.look(lit, which, p, seen));
+            *touched |= before == Reach::Partial || *reach == Reach::Partial;
+        }
+    }
+
+    fn look(&self, lit: &LitMap<'_>, which: usize, p: usize, seen: &mut [u8]) -> Reach {
+        let offset = match (self.parts[self.layout.pages[p].receiver].layer, which) {
+            (Layer::Virtual(_), 0) => Offset::Lift,
+            (Layer::Phantom(_), 1) => Offset::Shift,
+            _ => Offset::None,
+        };
+        let place = (&self.bounds[p], self.layout.length(p));
+        lit.look(&self.texels[p], place, offset, seen)
+    }
+}
+
+impl LightPages {
+    /// The light on page `p`, if it is blocked there anywhere.
+    fn on_page<'a>(&'a self, p: usize, light: &'a DomeLight) -> Option<PageLight<'a>> {
+        let of = |which: usize| {
+            let seen = self.seen[which].get(p * TEXELS..(p + 1) * TEXELS)?;
+            let is_partial = self.reach[which][p] == Reach::Partial;
+            is_partial.then(|| seen.try_into().ok()).flatten()
+        };
+        let (past_virtual, past_phantoms) = (of(0), of(1));
+        let is_blocked = past_virtual.is_some() || past_phantoms.is_some();
+        (is_blocked && light.irradiance != Vec3::ZERO).then_some(PageLight {
+            light,
+            past_virtual,
+            past_phantoms,
+        })
+    }
+}

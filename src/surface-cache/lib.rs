@@ -1,0 +1,23 @@
+//! Keeps the light that reaches surfaces in texels on those surfaces, so that a picture costs one
+//! look-up per pixel whatever the number of lights.
+#![doc = include_str!("README.md")]
+
+mod cache;
+mod casters;
+mod charts;
+mod depth_map;
+mod indirect;
+mod layout;
+mod receivers;
+mod split;
+mod sums;
+#[cfg(test)]
+mod tests;
+mod texels;
+mod visibility;
+
+pub use cache::{CacheOptions, ReceiverPage, SurfaceCache, SurfaceLight};
+pub use layout::{BORDERED, Bounds, PAGE, TABLE_WIDTH};
+pub use receivers::Layer;
+pub use split::{CacheVertex, SplitMesh};
+pub use texels::PageTexels;

@@ -1,0 +1,174 @@
+//! The texels of pages: points of surfaces with their normals.
+
+use crate::layout::{BORDERED, Layout, PAGE, Page, Plane, Receiver, TEXELS, texel_centre};
+use glam::{IVec2, Vec2, Vec3};
+
+/// Distance, in texels, by which texels may lie outside their triangles: bilinear interpolation
+/// reads them.
+const OUTSIDE: f32 = 1.5;
+
+/// The texels of one page, row by row with the border.
+#[derive(Clone, Debug)]
+pub struct PageTexels {
+    /// World, metres.
+    pub positions: Vec<Vec3>,
+    /// Unit normals.
+    pub normals: Vec<Vec3>,
+    /// Whether a texel lies on the surface, or near enough to be read.
+    pub is_used: Vec<bool>,
+    /// The normal of all texels, if it is the same.
+    pub plane: Option<Vec3>,
+}
+
+/// Finds the texels of a page. `normals`: of the receiver's vertices, world; `receiver`: the one
+/// to which the page belongs.
+pub fn texels(layout: &Layout, page: &Page, receiver: &Receiver, normals: &[Vec3]) -> PageTexels {
+    let mut texels = PageTexels {
+        positions: vec![Vec3::ZERO; TEXELS],
+        normals: vec![Vec3::Z; TEXELS],
+        is_used: vec![false; TEXELS],
+        plane: None,
+    };
+    let mut nearest = [f32::INFINITY; TEXELS];
+    let frames = &layout.frames[page.receiver];
+    let length = (1 << page.level) as f32 * layout.texel;
+    let first_of = |chart: usize| texel_centre(layout, page, &frames[chart], IVec2::ZERO);
+    for (c, t) in &page.triangles {
+        let (chart, first) = (&receiver.charts[*c], first_of(*c));
+        let corners = receiver.surface().corners(*t);
+        let flat = Flat::new(corners.map(|p| (chart.axis.project(p) - first) / length));
+        let at = 3 * *t as usize;
+        let own = [0, 1, 2].map(|k| normals[receiver.indices[at + k] as usize]);
+        let plane = Plane::through(corners);
+        for (texel, index) in flat.near() {
+            let (outside, weights) = flat.weights(texel.as_vec2());
+            if outside >= nearest[index] || outside > OUTSIDE {
+                continue;
+            }
+            nearest[index] = outside;
+            texels.is_used[index] = true;
+            let point = if outside > 0.0 {
+                // Beyond its edges a face may continue inside another object.
+                flat.inside(weights)
+            } else {
+                texel.as_vec2()
+            };
+            texels.positions[index] = plane.point_at(chart, first + point * length);
+            let n = own[0] * weights[0] + own[1] * weights[1] + own[2] * weights[2];
+            texels.normals[index] = n.normalize_or(own[0]);
+        }
+    }
+    texels.flatten();
+    if let (Some(_), Some((c, t))) = (texels.plane, page.triangles.first()) {
+        let (chart, first) = (&receiver.charts[*c], first_of(*c));
+        let plane = Plane::through(receiver.surface().corners(*t));
+        for (index, texel) in all_texels().filter(|(k, _)| !texels.is_used[*k]) {
+            let flat = first + texel.as_vec2() * length;
+            texels.positions[index] = plane.point_at(chart, flat);
+        }
+    }
+    texels
+}
+
+/// All texels of a page with its border: index and coordinates.
+fn all_texels() -> impl Iterator<Item = (usize, IVec2)> {
+    (0..TEXELS).map(|k| {
+        let (x, y) = (k % BORDERED, k / BORDERED);
+        (k, IVec2::new(x as i32 - 1, y as i32 - 1))
+    })
+}
+
+/// Difference of unit normals up to which they count as the same.
+const SAME_NORMAL: f32 = 1e-4;
+
+impl PageTexels {
+    /// Finds out whether the texels lie in a plane, and if they do, extends it to the unused ones.
+    fn flatten(&mut self) {
+        let used = |k: &usize| self.is_used[*k];
+        let Some(first) = (0..TEXELS).find(used) else {
+            return;
+        };
+        let (origin, normal) = (self.positions[first], self.normals[first]);
+        let is_same = |k: usize| {
+            let height = (self.positions[k] - origin).dot(normal).abs();
+            let across = self.positions[k].distance(origin);
+            self.normals[k].distance(normal) < SAME_NORMAL && height <= SAME_NORMAL * across
+        };
+        if (0..TEXELS).filter(used).all(is_same) {
+            self.plane = Some(normal);
+            for k in (0..TEXELS).filter(|k| !self.is_used[*k]) {
+                self.normals[k] = normal;
+            }
+        }
+    }
+}
+
+/// A triangle in texel coordinates.
+struct Flat {
+    corners: [Vec2; 3],
+    area: f32,
+}
+
+impl Flat {
+    fn new(corners: [Vec2; 3]) -> Self {
+        let [a, b, c] = corners;
+        Self {
+            corners,
+            area: (b - a).perp_dot(c - a),
+        }
+    }
+
+    /// The texels of the page about the triangle, with their indices.
+    fn near(&self) -> impl Iterator<Item = (IVec2, usize)> + use<> {
+        let [a, b, c] = self.corners;
+        let low = (a.min(b).min(c) - OUTSIDE)
+            .ceil()
+            .max(Vec2::splat(-1.0))
+            .as_ivec2();
+        let last = Vec2::splat(PAGE as f32);
+        let high = (a.max(b).max(c) + OUTSIDE).floor().min(last).as_ivec2();
+        (low.y..=high.y).flat_map(move |y| {
+            (low.x..=high.x).map(move |x| {
+                (
+                    IVec2::new(x, y),
+                    (x + 1) as usize + BORDERED * (y + 1) as usize,
+                )
+            })
+        })
+    }
+
+    /// The point nearest to one on the edge, with barycentric coordinates `on_edge`, that lies half a
+    /// texel inside; in a slender triangle, well inside.
+    fn inside(&self, on_edge: [f32; 3]) -> Vec2 {
+        let [a, b, c] = self.corners;
+        let edges = [c - b, a - c, b - a];
+        let inset = edges.map(|edge| (0.5 * edge.length() / self.area.abs().max(1e-9)).min(0.25));
+        let mut weights = [0, 1, 2].map(|k| on_edge[k].max(inset[k]));
+        let sum: f32 = weights.iter().sum();
+        weights.iter_mut().for_each(|w| *w /= sum);
+        a * weights[0] + b * weights[1] + c * weights[2]
+    }
+
+    /// Distance of a point outside the triangle, 0 inside, and the barycentric coordinates of the
+    /// nearest point inside.
+    fn weights(&self, p: Vec2) -> (f32, [f32; 3]) {
+        let [a, b, c] = self.corners;
+        let inside = [(b, c), (c, a), (a, b)].map(|(u, v)| (v - u).perp_dot(p - u) / self.area);
+        if inside.iter().all(|w| *w >= 0.0) {
+            return (0.0, inside);
+        }
+        let mut best = (f32::INFINITY, [1.0, 0.0, 0.0]);
+        for k in 0..3 {
+            let (u, v) = (self.corners[k], self.corners[(k + 1) % 3]);
+            let along = ((p - u).dot(v - u) / (v - u).length_squared().max(1e-20)).clamp(0.0, 1.0);
+            let distance = p.distance(u.lerp(v, along));
+            if distance < best.0 {
+                let mut weights = [0.0; 3];
+                weights[k] = 1.0 - along;
+                weights[(k + 1) % 3] = along;
+                best = (distance, weights);
+            }
+        }
+        best
+    }
+}
