@@ -10,7 +10,7 @@
 //! Sources also move: a dome light, or a compact source of the radiance map, goes from its
 //! direction in one light to that in the other, weighted by its energy, so that a light that
 //! appears or disappears stays where it is. What is in the same slot but is another source does
-//! not sweep through the sky: see [`lights`].
+//! not sweep through the sky: see `blend::lights`.
 
 pub(crate) mod lights;
 mod map;

@@ -102,7 +102,8 @@ impl Unshadowed {
 pub struct PageLight<'a> {
     /// The light.
     pub light: &'a DomeLight,
-    /// Share of it, in 255ths, that each texel sees past virtual casters; `None` where all see it.
+    /// Share of it, as a number from 0 to 255, that each texel sees past virtual casters; `None`
+    /// where all see it.
     pub past_virtual: Option<&'a [u8; TEXELS]>,
     /// The same past phantoms.
     pub past_phantoms: Option<&'a [u8; TEXELS]>,

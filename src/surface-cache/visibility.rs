@@ -110,8 +110,8 @@ struct Look {
 }
 
 impl LitMap<'_> {
-    /// Writes the visible share of the light, in 255ths, for each texel of a page that faces it;
-    /// others count as open. `length`: that of a texel, metres.
+    /// Writes the visible share of the light, as a number from 0 to 255, for each texel of a page
+    /// that faces it; others count as open. `length`: that of a texel, metres.
     pub fn look(
         &self,
         page: &PageTexels,
