@@ -15,6 +15,9 @@ pub struct Cover {
     across: u32,
     /// First and one past the last covered tile, each way; empty if no tile is covered.
     bounds: [[u32; 2]; 2],
+    /// The same of the tiles on which virtual surfaces were drawn since they were last cleared.
+    drawn: [[u32; 2]; 2],
+    down: u32,
     /// Maximum displacement of objects from their projection, pixels.
     margin: f64,
 }
@@ -69,7 +72,7 @@ impl Cover {
         more: impl Iterator<Item = Corners>,
     ) {
         let (across, down) = (width.div_ceil(TILE), height.div_ceil(TILE));
-        self.across = across;
+        (self.across, self.down) = (across, down);
         self.tiles.clear();
         self.tiles.resize((across * down) as usize, 0);
         if visible {
@@ -91,8 +94,34 @@ impl Cover {
 
     /// The rectangle of covered tiles: x, y, width, height, tiles; width 0 if there are none.
     pub const fn rectangle(&self) -> [u32; 4] {
-        let [x, y] = self.bounds;
-        [x[0], y[0], x[1] - x[0], y[1] - y[0]]
+        rectangle(self.bounds)
+    }
+
+    /// The rectangle of the covered tiles and of all on which something was drawn before, likewise:
+    /// where the picture of virtual surfaces must be cleared.
+    pub fn rectangle_to_clear(&self) -> [u32; 4] {
+        let limits = [self.across, self.down];
+        let drawn = std::array::from_fn(|i| self.drawn[i].map(|at| at.min(limits[i])));
+        rectangle(join(self.bounds, drawn))
+    }
+
+    /// Records that the rectangle was cleared and the covered tiles drawn.
+    pub const fn set_drawn(&mut self) {
+        self.drawn = self.bounds;
+    }
+}
+
+const fn rectangle([x, y]: [[u32; 2]; 2]) -> [u32; 4] {
+    [x[0], y[0], x[1] - x[0], y[1] - y[0]]
+}
+
+/// The bounds of two rectangles, of which either may be empty.
+fn join(a: [[u32; 2]; 2], b: [[u32; 2]; 2]) -> [[u32; 2]; 2] {
+    let is_empty = |[x, y]: [[u32; 2]; 2]| x[0] == x[1] || y[0] == y[1];
+    match (is_empty(a), is_empty(b)) {
+        (true, _) => b,
+        (_, true) => a,
+        _ => std::array::from_fn(|i| [a[i][0].min(b[i][0]), a[i][1].max(b[i][1])]),
     }
 }
 
@@ -198,6 +227,31 @@ mod tests {
         assert_eq!(cover.tiles().iter().filter(|t| **t != 0).count(), 4);
         cover.update(clip(), (20 * TILE, 20 * TILE), false, std::iter::empty());
         assert_eq!(cover.rectangle()[2], 0);
+    }
+
+    #[test]
+    fn what_was_drawn_is_cleared_even_where_nothing_is_any_more() {
+        let mut cover = Cover::default();
+        let mut show = |at: f64, size: u32, is_drawn: bool| {
+            cover.set_boxes(vec![cube(DVec3::new(at, 0.0, 2.0), 0.1)]);
+            cover.update(clip(), (size, size), true, std::iter::empty());
+            let cleared = cover.rectangle_to_clear();
+            if is_drawn {
+                cover.set_drawn();
+            }
+            cleared
+        };
+        assert_eq!(show(0.0, 20 * TILE, true), [9, 9, 2, 2]);
+        let moved = show(0.4, 20 * TILE, false);
+        assert!(moved[0] == 9 && moved[2] >= 3, "{moved:?}");
+        // The frame before was not drawn: what the first one drew is still there.
+        assert_eq!(
+            show(-0.4, 20 * TILE, true)[0] + show(0.0, 20 * TILE, true)[0],
+            14
+        );
+        // A smaller picture has new textures; the rectangle must lie in it.
+        let [x, y, width, height] = show(0.0, 4 * TILE, true);
+        assert!(x + width <= 4 && y + height <= 4);
     }
 
     #[test]

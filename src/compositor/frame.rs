@@ -55,6 +55,7 @@ impl Compositor {
             encoder,
             timer: &mut self.timer,
         };
+        self.cover.set_drawn();
         let p = &mut self.pipelines;
         let (frame, scene) = (&self.light_maps.frame_group, &self.scene);
         let (codes, output) = (&self.response_table, &pictures.output);
@@ -74,13 +75,15 @@ impl Compositor {
         }
         p.lamp_map.record(r, scene, &self.light_maps.lamps);
 
-        // The surfaces that the camera sees, real and virtual, and the light that each lacks,
-        // looked up in shadow maps or on shadowing planes.
-        let surfaces = p.record_surfaces(r, frame, scene, (self.variant, plan.covered), pictures);
+        // Basis images under this frame's light.
         let cache = self.surface_light.as_ref();
         let to_cache = (&self.gpu.queue, &self.light_maps.uncached_group);
         let planes = self.planes.as_mut();
         let sums = planes.and_then(|planes| planes.record(r, to_cache, cache));
+
+        // The surfaces that the camera sees, real and virtual, and the light that each lacks,
+        // looked up in the surface cache, in shadow maps or on shadowing planes.
+        let surfaces = p.record_surfaces(r, frame, scene, (self.variant, plan), pictures);
         let source = sums.unwrap_or(ShadowSource::Maps(dome));
         let shadows = p.record_shadows(r, frame, &source, surfaces, plan, pictures);
 
@@ -142,22 +145,24 @@ impl Pipelines {
         r: &mut Recorder<'_>,
         frame: &wgpu::BindGroup,
         scene: &SceneBuffers,
-        (variant, covered): (Variant, [u32; 4]),
+        (variant, plan): (Variant, &FramePlan),
         pictures: &'a SizedResources,
     ) -> Surfaces<'a> {
+        let shadow = (&pictures.shadows.phantom_shadow, plan.unshadowed());
         let phantoms = self
             .phantom_geometry
-            .record(r, frame, scene, &pictures.phantoms);
-        let visible = pixels_of(covered, pictures.size);
+            .record(r, frame, scene, shadow, &pictures.phantoms);
         let virtual_surfaces = &pictures.virtual_surfaces;
+        let pixels = [plan.cleared, plan.covered].map(|tiles| pixels_of(tiles, pictures.size));
         self.virtual_geometry
-            .record(r, frame, scene, visible, virtual_surfaces);
+            .record(r, frame, scene, pixels, virtual_surfaces);
         let seen = (phantoms, virtual_surfaces);
         // Where light is kept on surfaces, only virtual lights depend on the tile.
         let tiles = if variant.cached && !variant.lamps {
             &pictures.tiles
         } else {
-            self.tiles.record(r, frame, seen, covered, &pictures.tiles)
+            self.tiles
+                .record(r, frame, seen, plan.covered, &pictures.tiles)
         };
         Surfaces {
             phantoms,
@@ -178,9 +183,8 @@ impl Pipelines {
         pictures: &'a SizedResources,
     ) -> &'a ShadowPictures {
         let shadows = &pictures.shadows;
-        let lit = if plan.subtract { 0.0 } else { 1.0 };
         self.shadow_buffer
-            .record(r, frame, source, surfaces, lit, shadows);
+            .record(r, frame, source, surfaces, plan.unshadowed(), shadows);
         // Subtraction does not examine edges.
         if !plan.subtract {
             self.edge_tiles

@@ -37,8 +37,17 @@ pub struct FramePlan {
     pub lamps_apart: bool,
     /// Rectangle of tiles (x, y, width, height) that virtual surfaces may cover.
     pub covered: [u32; 4],
+    /// Rectangle of tiles in which the picture of virtual surfaces must be cleared.
+    pub cleared: [u32; 4],
     /// Whether the finished picture is warped to another pose.
     pub reprojected: bool,
+}
+
+impl FramePlan {
+    /// The change of the picture without shadow: a factor, or what is subtracted.
+    pub const fn unshadowed(&self) -> f64 {
+        if self.subtract { 0.0 } else { 1.0 }
+    }
 }
 
 impl Compositor {
@@ -206,6 +215,7 @@ impl Compositor {
             subtract: input.shadow_mode == ShadowMode::Subtract,
             lamps_apart: has_virtual && !input.lamps.is_empty() && by_paper,
             covered: [0; 4],
+            cleared: [0; 4],
             reprojected: input.reprojection.is_some(),
         };
         let lights = match input.lighting {
@@ -244,6 +254,7 @@ impl Compositor {
         let lamps = if has_virtual { input.lamps } else { &[] };
         self.scene.emitters.place(&self.gpu.queue, lamps);
         plan.covered = self.upload_cover(input, view, augmented && input.lighting.is_some());
+        plan.cleared = self.cover.rectangle_to_clear();
         let stage = self.planes.as_mut().filter(|_| by_planes);
         let lights = stage.map_or(lights, |stage| stage.shade(input, &mut uniform, lights));
         let slots = &self.slots;

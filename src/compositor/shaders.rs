@@ -30,6 +30,7 @@ const BACKGROUND: &str = include_str!("shaders/lib/background.wgsl");
 const MARKS: &str = include_str!("shaders/lib/marks.wgsl");
 const TABLE_BY_NORMAL: &str = include_str!("shaders/lib/by_normal.wgsl");
 const SURFACE_CACHE: &str = include_str!("shaders/lib/surface_cache.wgsl");
+const KEPT_ON_REAL: &str = include_str!("shaders/lib/kept_on_real.wgsl");
 const IRRADIANCE: &str = include_str!("shaders/lib/irradiance.wgsl");
 const PLANES: &str = include_str!("shaders/lib/planes.wgsl");
 const LOOK: &str = include_str!("shaders/lib/look.wgsl");
@@ -65,6 +66,12 @@ pub struct Variant {
 }
 
 impl Variant {
+    /// Whether phantoms are drawn with the change of the picture on them, because one look-up in the
+    /// surface cache tells it, and no further pass is needed.
+    pub const fn shadows_phantoms(self) -> bool {
+        self.cached && !self.lamps
+    }
+
     /// One sample, hard shadows, nothing optional.
     pub const PLAIN: Self = Self {
         samples: 1,
@@ -93,6 +100,9 @@ const FRAME_SHADERS: [(&str, &[&str]); 17] = [
             NORMAL,
             TABLE_BY_NORMAL,
             SURFACE_CACHE,
+            KEPT_ON_REAL,
+            EDGES,
+            IRRADIANCE,
             include_str!("shaders/phantom_geometry.wgsl"),
         ],
     ),
@@ -101,6 +111,7 @@ const FRAME_SHADERS: [(&str, &[&str]); 17] = [
         &[
             FRAME,
             NORMAL,
+            FULLSCREEN,
             SURFACE,
             TABLE_BY_NORMAL,
             SURFACE_CACHE,
@@ -173,6 +184,7 @@ const FRAME_SHADERS: [(&str, &[&str]); 17] = [
             MARKS,
             TABLE_BY_NORMAL,
             SURFACE_CACHE,
+            KEPT_ON_REAL,
             IRRADIANCE,
             LAMPS,
             LAMP_RESPONSE,

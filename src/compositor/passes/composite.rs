@@ -44,7 +44,7 @@ impl CompositePass {
         let module = shaders::module(device, "composite", variant);
         let (u, i) = (Slot::Unfilterable, Slot::Integer);
         let (packed, depth) = Slot::sampled(variant.samples);
-        let slots = [u, Slot::Uniform, u, i, u, i, i, i, u, i];
+        let slots = [u, Slot::Uniform, u, i, i, i, i, u, i];
         let picture = CachedGroup::from_slots(device, "composite picture", &slots);
         let slots = [packed, packed, depth, packed];
         let slots = &slots[..if variant.cached { 4 } else { 3 }];
@@ -139,17 +139,16 @@ impl CompositePass {
         inputs: &CompositeInputs<'_>,
     ) -> [wgpu::BindGroup; 3] {
         let Surfaces {
-            phantoms,
             virtual_surfaces,
             tiles,
             covered_tiles,
+            ..
         } = inputs.surfaces;
         let picture = [
             view(&inputs.real.shown().view),
             inputs.real.codes.binding(),
             view(&inputs.light.shadows.phantom_shadow.view),
             view(&inputs.light.shadows.virtual_light.view),
-            view(&phantoms.normal.view),
             view(&tiles.phantom.lights.view),
             view(&covered_tiles.view),
             view(&tiles.virtual_surface.lamps.view),

@@ -4,7 +4,7 @@ use super::super::bindings::{CachedGroup, DepthTest, PipelineSpec, Slot, sampler
 use super::super::recorder::{Recorder, bind_all, cleared_depth, colour};
 use super::super::shaders::{self, Variant};
 use super::super::textures::{DRAWN, FrameTexture, format, tile_grid};
-use super::phantom_geometry::PhantomPictures;
+use super::phantom_geometry::{PhantomPictures, unshadowed_texel};
 use super::shadow_map::DomeShadowMaps;
 use super::tiles::TilePictures;
 use super::virtual_geometry::VirtualPictures;
@@ -13,13 +13,14 @@ use wgpu::{ColorWrites, CompareFunction as Compare};
 /// The pass, with the shadow maps of the dome lights.
 pub struct ShadowBufferPass {
     by_maps: MarkedPasses,
-    /// With light from the surface cache; in place of `by_maps` if the variant is cached.
+    /// With light from the surface cache and that of lamps; in place of `by_maps` if the variant is
+    /// cached.
     by_cache: Option<MarkedPasses>,
+    /// Whether phantoms are drawn with their shadows, and there is nothing to look up.
+    is_drawn: bool,
     maps: CachedGroup,
     surfaces: CachedGroup,
     compare: wgpu::Sampler,
-    /// Whether the light on virtual surfaces is a part of the buffer.
-    virtual_too: bool,
 }
 
 /// The passes of both layers of the shadow buffer, for either source of shadows.
@@ -106,7 +107,7 @@ impl MarkedPasses {
                 fragment: Some(fragment),
                 targets: &[target],
                 colours,
-                depth: Some(depth),
+                depth,
                 cull: None,
                 samples: 1,
             }
@@ -118,26 +119,20 @@ impl MarkedPasses {
                 mark,
                 target,
                 ColorWrites::empty(),
-                DepthTest::writing(Compare::Always),
+                Some(DepthTest::writing(Compare::Always)),
             )),
             work: build(
                 "behind_marks",
                 work,
                 target,
                 ColorWrites::ALL,
-                DepthTest::without_writing(Compare::Less),
+                Some(DepthTest::without_writing(Compare::Less)),
             ),
         };
         // A look-up in the cache costs less than to mark the texels that need one.
         let by_tiles = |work: &str, target| Marked {
             mark: None,
-            work: build(
-                "shadowed_tile",
-                work,
-                target,
-                ColorWrites::ALL,
-                DepthTest::without_writing(Compare::Always),
-            ),
+            work: build("shadowed_tile", work, target, ColorWrites::ALL, None),
         };
         Self {
             phantom: if shader == CACHED {
@@ -150,32 +145,27 @@ impl MarkedPasses {
     }
 
     /// `groups`: the frame, the shadows, the surfaces. Real surfaces without shadow get
-    /// `unshadowed`. `virtual_too`: whether virtual surfaces need the pass.
+    /// `unshadowed`.
     fn record(
         &self,
         r: &mut Recorder<'_>,
         groups: [&wgpu::BindGroup; 3],
-        (unshadowed, virtual_too): (f64, bool),
+        unshadowed: f64,
         output: &ShadowPictures,
     ) {
-        let lit = wgpu::Color {
-            r: unshadowed,
-            g: unshadowed,
-            b: unshadowed,
-            a: 0.0,
-        };
+        let lit = unshadowed_texel(unshadowed);
         let none = wgpu::Color::TRANSPARENT;
         let (shadow, light) = (&output.phantom_shadow, &output.virtual_light);
         let jobs = [
             ("phantom_shadow", shadow, lit, &self.phantom),
             ("virtual_light", light, none, &self.virtual_light),
         ];
-        let jobs = jobs.into_iter().take(if virtual_too { 2 } else { 1 });
         for (name, picture, clear, pipelines) in jobs {
+            let marks = pipelines.mark.as_ref().map(|_| &output.marks.view);
             let mut pass = r.encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
                 label: Some(name),
                 color_attachments: &[colour(&picture.view, wgpu::LoadOp::Clear(clear))],
-                depth_stencil_attachment: cleared_depth(&output.marks.view, 0.0),
+                depth_stencil_attachment: marks.and_then(|marks| cleared_depth(marks, 0.0)),
                 timestamp_writes: r.timer.span(name, true, true),
                 ..Default::default()
             });
@@ -209,14 +199,12 @@ impl ShadowBufferPass {
         let groups = [frame, &maps.layout, &surfaces.layout];
         Self {
             by_maps: MarkedPasses::new(device, "shadow_buffer", groups, variant),
-            by_cache: variant
-                .cached
+            is_drawn: variant.shadows_phantoms(),
+            by_cache: (variant.cached && variant.lamps)
                 .then(|| MarkedPasses::new(device, CACHED, groups, variant)),
             maps,
             surfaces,
             compare,
-            // With the cache, only the light of lamps is looked up here.
-            virtual_too: !variant.cached || variant.lamps,
         }
     }
 
@@ -243,6 +231,9 @@ impl ShadowBufferPass {
         unshadowed: f64,
         output: &'a ShadowPictures,
     ) -> &'a ShadowPictures {
+        if self.is_drawn {
+            return output;
+        }
         let (phantoms, virtual_surfaces) = (surfaces.phantoms, surfaces.virtual_surfaces);
         let tiles = surfaces.tiles;
         let resources = [
@@ -271,8 +262,7 @@ impl ShadowBufferPass {
                 (passes, self.maps.get(r.device, &resources))
             }
         };
-        let how = (unshadowed, self.virtual_too);
-        passes.record(r, [frame, shadows, bound], how, output);
+        passes.record(r, [frame, shadows, bound], unshadowed, output);
         output
     }
 }

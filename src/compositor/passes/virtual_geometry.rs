@@ -14,6 +14,8 @@ pub struct VirtualGeometryPass {
     /// One-sided and two-sided surfaces, each without and with textures.
     surfaces: [[wgpu::RenderPipeline; 2]; 2],
     occluder: wgpu::RenderPipeline,
+    /// Clears what may be covered; `None` where the targets are cleared as a whole.
+    clear: Option<wgpu::RenderPipeline>,
 }
 
 /// The virtual objects as the camera sees them, with several samples a pixel.
@@ -73,48 +75,64 @@ impl VirtualGeometryPass {
         let textured = ["virtual_vertex", "virtual_fragment"];
         let surfaces = [Some(wgpu::Face::Back), None]
             .map(|cull| [plain, textured].map(|entries| build(cull, entries)));
-        let occluder = Self::occluder(device, frame, &module, variant.samples);
-        Self { surfaces, occluder }
-    }
-
-    /// Compiles the pipeline of phantoms, which writes depth alone.
-    fn occluder(
-        device: &wgpu::Device,
-        frame: &wgpu::BindGroupLayout,
-        module: &wgpu::ShaderModule,
-        samples: u32,
-    ) -> wgpu::RenderPipeline {
-        PipelineSpec {
+        let build = |spec: PipelineSpec<'_>| spec.build(device);
+        // Software drivers clear every sample of a target in memory, which takes longer than to
+        // draw over the part that may be covered; on a GPU to clear costs nothing.
+        let clear = variant.cached.then(|| {
+            build(PipelineSpec {
+                label: "clear",
+                module: &module,
+                groups: &[frame],
+                vertex: "cover",
+                buffers: &[],
+                fragment: Some("nothing"),
+                targets: &[first],
+                colours: wgpu::ColorWrites::ALL,
+                depth: Some(DepthTest::writing(wgpu::CompareFunction::Always)),
+                cull: None,
+                samples: variant.samples,
+            })
+        });
+        let occluder = build(PipelineSpec {
             label: "occluder",
-            module,
+            module: &module,
             groups: &[frame],
             vertex: "occluder_vertex",
             buffers: &[POSITION_LAYOUT],
-            fragment: None,
-            targets: &[],
-            colours: wgpu::ColorWrites::ALL,
+            fragment: clear.is_some().then_some("nothing"),
+            targets: &targets[..usize::from(clear.is_some())],
+            colours: wgpu::ColorWrites::empty(),
             depth: Some(DepthTest::NEAREST),
             cull: Some(wgpu::Face::Back),
-            samples,
+            samples: variant.samples,
+        });
+        Self {
+            surfaces,
+            occluder,
+            clear,
         }
-        .build(device)
     }
 
     /// Draws phantoms (depth alone), virtual parts and area lamps into `output`; nothing virtual is
-    /// outside the rectangle `covered` (x, y, width, height, pixels).
+    /// outside the rectangle `covered` (x, y, width, height, pixels), and nothing was drawn before
+    /// outside `to_clear`.
     pub fn record<'a>(
         &self,
         r: &mut Recorder<'_>,
         frame: &wgpu::BindGroup,
         scene: &SceneBuffers,
-        covered: [u32; 4],
+        [to_clear, covered]: [[u32; 4]; 2],
         output: &'a VirtualPictures,
     ) -> &'a VirtualPictures {
-        self.record_occluders(r, frame, scene, covered, output);
+        self.record_occluders(r, frame, scene, [to_clear, covered], output);
         let [first, second] = output.surface.each_ref();
         // The first target alone marks surfaces: the others need not be cleared.
         let targets = [
-            cleared(&first.view),
+            if self.clear.is_some() {
+                colour(&first.view, wgpu::LoadOp::Load)
+            } else {
+                cleared(&first.view)
+            },
             colour(&second.view, wgpu::LoadOp::Load),
             output
                 .place
@@ -164,19 +182,33 @@ impl VirtualGeometryPass {
         r: &mut Recorder<'_>,
         frame: &wgpu::BindGroup,
         scene: &SceneBuffers,
-        [x, y, width, height]: [u32; 4],
+        [to_clear, [x, y, width, height]]: [[u32; 4]; 2],
         output: &VirtualPictures,
     ) {
+        let (shape, depths) = (&output.surface[0].view, &output.depth.view);
+        let shape = [colour(shape, wgpu::LoadOp::Load)];
+        let (targets, depths): (&[_], _) = if self.clear.is_some() {
+            (&shape, depth(depths, wgpu::LoadOp::Load))
+        } else {
+            (&[], cleared_depth(depths, 0.0))
+        };
         let mut pass = r.encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
             label: Some("occluder"),
-            depth_stencil_attachment: cleared_depth(&output.depth.view, 0.0),
+            color_attachments: targets,
+            depth_stencil_attachment: depths,
             timestamp_writes: r.timer.span("virtual_geometry", true, false),
             ..Default::default()
         });
+        pass.set_bind_group(0, frame, &[]);
+        if let Some(pipeline) = &self.clear {
+            let [x, y, width, height] = to_clear;
+            pass.set_scissor_rect(x, y, width, height);
+            pass.set_pipeline(pipeline);
+            pass.draw(0..3, 0..1);
+        }
         let Some(mesh) = &scene.occluders else { return };
         pass.set_scissor_rect(x, y, width, height);
         pass.set_pipeline(&self.occluder);
-        pass.set_bind_group(0, frame, &[]);
         pass.set_vertex_buffer(0, mesh.vertices.slice(..));
         pass.set_index_buffer(mesh.indices.slice(..), wgpu::IndexFormat::Uint32);
         pass.draw_indexed(0..mesh.count, 0, 0..1);

@@ -1,4 +1,5 @@
-// Light that surfaces lose, from the surface cache: the shadow buffer without a light's own look-up.
+// Light that surfaces lose, from the surface cache, with the light of lamps: the shadow buffer
+// without a dome light's own look-up. Without lamps, `phantom_geometry` writes it.
 
 // Tiles in which real surfaces may lose some light.
 @vertex
@@ -17,22 +18,11 @@ fn phantom_shadow(@builtin(position) at: vec4f) -> @location(0) vec4f {
     var place = vec2u(0u);
     IF_CACHED place = textureLoad(phantom_place, pixel, 0).xy;
     let n = normal_from_octahedron(surface.xy);
-    let uv = cache_uv(place);
-    let lost = textureSampleLevel(cache_first, table_sampler, uv, 0.0).rgb * frame.params.x;
-    let kept = textureSampleLevel(cache_second, table_sampler, uv, 0.0);
-    var added = vec3f(0.0);
-    var open = vec4f(1.0);
-    if LAMPED {
-        let world = world_at(vec2f(pixel), textureLoad(phantom_depth, pixel, 0));
-        added = multiplied_lamps(lamps_at(phantom_lamps, pixel), world, n);
-        open = vec4f(open_in_real(world, n), 1.0);
-    }
-    let there = place.x != 0u;
-    let arriving = select(open, kept, there);
-    let change = change_of_picture(select(vec3f(0.0), lost, there), arriving.rgb, added, n);
-    let unshadowed = vec4f(vec3f(select(1.0, 0.0, frame.counts.y == 1u)), 0.0);
-    let found = vec4f(change, key_with_share(surface.w, arriving.a));
-    return select(unshadowed, found, surface.z == 1.0);
+    let world = world_at(vec2f(pixel), textureLoad(phantom_depth, pixel, 0));
+    let added = multiplied_lamps(lamps_at(phantom_lamps, pixel), world, n);
+    let kept = kept_or(place, open_in_real(world, n));
+    let change = change_of_picture(kept.lost, kept.arriving, added, n);
+    return shadow_texel(change, kept.share, surface.w, surface.z == 1.0);
 }
 
 // Irradiance from lamps alone; the rest is in the cache.

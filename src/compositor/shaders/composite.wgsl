@@ -4,12 +4,11 @@
 @group(1) @binding(0) var camera: texture_2d<f32>;
 @group(1) @binding(2) var shadow: texture_2d<f32>;
 @group(1) @binding(3) var light: texture_2d<u32>;
-@group(1) @binding(4) var phantom_normal: texture_2d<f32>;
-@group(1) @binding(5) var phantom_tiles: texture_2d<u32>;
-@group(1) @binding(6) var covered_tiles: texture_2d<u32>;
-@group(1) @binding(7) var virtual_lamps: texture_2d<u32>;
-@group(1) @binding(8) var response: texture_2d<f32>;
-@group(1) @binding(9) var edge_tiles: texture_2d<u32>;
+@group(1) @binding(4) var phantom_tiles: texture_2d<u32>;
+@group(1) @binding(5) var covered_tiles: texture_2d<u32>;
+@group(1) @binding(6) var virtual_lamps: texture_2d<u32>;
+@group(1) @binding(7) var response: texture_2d<f32>;
+@group(1) @binding(8) var edge_tiles: texture_2d<u32>;
 @group(2) @binding(0) var virtual_shape: VIRTUAL_TEXTURE;
 @group(2) @binding(1) var virtual_material: VIRTUAL_TEXTURE;
 @group(2) @binding(2) var virtual_depth: VIRTUAL_DEPTH;

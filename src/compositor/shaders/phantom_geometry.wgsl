@@ -54,6 +54,15 @@ fn surface_key(part: u32, n: vec3f) -> f32 {
     return f32((part * 6u + axis) % 254u + 1u);
 }
 
+// The change of the picture at once, where the light is kept on surfaces and no lamp adds to it.
+IF_CACHED @fragment
+IF_CACHED fn shadowed_fragment(in: Varying) -> @location(0) vec4f {
+IF_CACHED     let n = normalize(in.normal);
+IF_CACHED     let kept = kept_or(place_of(in.cache_at, in.cache_chart), vec3f(1.0));
+IF_CACHED     let change = change_of_picture(kept.lost, kept.arriving, vec3f(0.0), n);
+IF_CACHED     return shadow_texel(change, kept.share, surface_key(in.part, n), in.kind == 1.0);
+IF_CACHED }
+
 @fragment
 fn phantom_fragment(in: Varying) -> Surface {
     let n = normalize(in.normal);

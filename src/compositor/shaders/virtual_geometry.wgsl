@@ -85,6 +85,12 @@ fn plain_vertex(
     return out;
 }
 
+// No surface, as far away as can be.
+@fragment
+fn nothing() -> @location(0) vec4u {
+    return vec4u(0u);
+}
+
 @vertex
 fn occluder_vertex(@location(0) world: vec3f) -> @builtin(position) vec4f {
     return clip_of(vec4f(world, 1.0));
