@@ -20,7 +20,8 @@ fn phantom_shadow(@builtin(position) at: vec4f) -> @location(0) vec4f {
     let n = normal_from_octahedron(surface.xy);
     let world = world_at(vec2f(pixel), textureLoad(phantom_depth, pixel, 0));
     let added = multiplied_lamps(lamps_at(phantom_lamps, pixel), world, n);
-    let kept = kept_or(place, open_in_real(world, n));
+    // Surfaces without a page lie far beyond the region of indirect light.
+    let kept = kept_or(place, ground_irradiance(n) + by_normal(irradiance_of_lights, n));
     let change = change_of_picture(kept.lost, kept.arriving, added, n);
     return shadow_texel(change, kept.share, surface.w, surface.z == 1.0);
 }

@@ -134,11 +134,29 @@ fn all_lamps() -> u32 {
     return select(0u, 0xffffffffu >> (32u - max(lamps.count.x, 1u)), lamps.count.x > 0u);
 }
 
+// The box with the points between the sampled pixels, `step` pixels apart: a spot's edge is drawn at
+// the picture's resolution.
+fn widened_by(b: Bounds, step: f32) -> Bounds {
+    let between = 0.1 * (b.high - b.low) + vec3f(step * distance(frame.eye.xyz, b.low) / frame.intrinsics.x);
+    return Bounds(b.low - between, b.high + between, b.normal_low, b.normal_high);
+}
+
+fn widened(b: Bounds) -> Bounds {
+    if !CACHED {
+        return b;
+    }
+    let normals = vec3f(0.1);
+    return widened_by(Bounds(b.low, b.high, b.normal_low - normals, b.normal_high + normals), 4.0);
+}
+
 struct Classes {
     // Lights that virtual casters (x, y) and phantoms (z, w) may block.
     @location(0) lights: vec4u,
     @location(1) lamps: u32,
 }
+
+// With the surface cache only lamps depend on the tile, and every fourth pixel tells which light it.
+const REAL_STEP = select(1, 4, CACHED);
 
 @fragment
 fn classify_real(@builtin(position) at: vec4f) -> Classes {
@@ -146,8 +164,8 @@ fn classify_real(@builtin(position) at: vec4f) -> Classes {
     let corner = vec2i(at.xy) * side;
     let last = vec2i(frame.size.xy) - vec2i(1);
     var real = nothing();
-    for (var y = 0; y < side; y++) {
-        for (var x = 0; x < side; x++) {
+    for (var y = 0; y < side; y += REAL_STEP) {
+        for (var x = 0; x < side; x += REAL_STEP) {
             let pixel = min(corner + vec2i(x, y), last);
             let surface = textureLoad(phantom_normal, pixel, 0);
             if surface.z == 1.0 {
@@ -158,7 +176,9 @@ fn classify_real(@builtin(position) at: vec4f) -> Classes {
         }
     }
     var masks = blockable(real, non_uniform(frame.counts.x, at.w));
-    let lit = lamps_on(real);
+    // A surface may lie between the pixels that were looked at, or be seen by none of them.
+    let missed = CACHED && any(real.low > real.high);
+    let lit = select(lamps_on(widened(real)), all_lamps(), missed);
     // Any light's bit causes the tile to be drawn.
     masks.x |= select(0u, 1u, is_near(real) | is_on_planes(real) | (lit != 0u) | CACHED);
     return Classes(masks, lit);
@@ -190,10 +210,5 @@ fn classify_virtual(@builtin(position) at: vec4f) -> Classes {
     bounds.normal_low -= vec3f(0.1);
     bounds.normal_high += vec3f(0.1);
     let masks = blockable(bounds, non_uniform(frame.counts.x, at.w));
-    // A spot's edge is drawn at the picture's resolution: points between the sampled pixels count.
-    let between = 0.1 * (bounds.high - bounds.low)
-        + vec3f(2.0 * distance(frame.eye.xyz, bounds.low) / frame.intrinsics.x);
-    bounds.low -= between;
-    bounds.high += between;
-    return Classes(masks, lamps_on(bounds));
+    return Classes(masks, lamps_on(widened_by(bounds, 2.0)));
 }

@@ -99,11 +99,9 @@ fn lamp_visibility(k: u32, world: vec3f, n: vec3f, n_dot_l: f32) -> f32 {
     return select(1.0, seen, there.mapped);
 }
 
-// Averages four look-ups at half a texel, which doubles the width of a texel's own blur.
+// Averages four look-ups at half a texel, which doubles the width of a texel's own blur: with one
+// look-up the edge of a shadow shows stairs.
 fn lamp_seen(uv: vec2f, layer: u32, depth: f32) -> f32 {
-    if SOFT == 1 {
-        return textureSampleCompareLevel(lamp_maps, lamp_compare, uv, layer, depth);
-    }
     let half = 0.5 / vec2f(textureDimensions(lamp_maps));
     var sum = 0.0;
     for (var i = 0; i < 4; i++) {
