@@ -32,13 +32,6 @@ fn shadowed(code: vec3f, factor: vec3f, pixel: vec2i) -> vec3f {
     return select(linear * factor, max(linear - lacking, vec3f(0.0)), frame.counts.y == 1u);
 }
 
-// Range of the values shown on both sides of a real edge near `pixel`; empty (low > high) without
-// such an edge. Only texels without an edge near them count.
-struct Range {
-    low: vec3f,
-    high: vec3f,
-}
-
 // Key of the surface across a real edge near `pixel`, or the pixel's own key at the rim of a real
 // shadow; -1 without an edge, or if the edge makes no difference.
 fn across_real_edge(pixel: vec2i, own: vec4f, last: vec2i) -> f32 {
@@ -62,37 +55,78 @@ fn is_certain(q: vec2i, there: vec4f, last: vec2i) -> bool {
     return certain;
 }
 
-fn beside_edge(pixel: vec2i) -> Range {
+// One side of a real edge: sums over pixels that certainly lie there.
+struct Side {
+    // Linear light of the picture, and factor on it.
+    light: vec3f,
+    factor: vec3f,
+    count: f32,
+}
+
+fn with_pixel(s: Side, light: vec3f, factor: vec3f, counts: bool) -> Side {
+    let w = select(0.0, 1.0, counts);
+    return Side(s.light + light * w, s.factor + factor * w, s.count + w);
+}
+
+// The shadowed picture near a real edge.
+struct AtEdge {
+    light: vec3f,
+    found: bool,
+}
+
+// The picture's light at a pixel, divided between both sides of a real edge near it, each part with
+// its side's factor. The camera mixed both sides there: `linear` = a A + (1 - a) B, with A and B the
+// light of pixels that certainly lie on either side, and fA = `own_factor`, so that
+//
+//   shown = a fA A + (1 - a) fB B + (a fA + (1 - a) fB) (linear - a A - (1 - a) B)
+//
+// where the last term is texture. What `a` is shows as far as A differs from B, and texture is weak;
+// otherwise the pixel belongs to its own surface. The result is limited to the range of both sides.
+fn divided_at_edge(pixel: vec2i, linear: vec3f, own_factor: vec3f) -> AtEdge {
     let last = vec2i(textureDimensions(shadow)) - vec2i(1);
     let own = textureLoad(shadow, pixel, 0);
     let other = across_real_edge(pixel, own, last);
-    var range = Range(vec3f(1e9), vec3f(-1e9));
     if other < 0.0 {
-        return range;
+        return AtEdge(vec3f(0.0), false);
     }
-    var on_own = false;
-    var across = false;
+    let nothing = Side(vec3f(0.0), vec3f(0.0), 0.0);
+    var here = nothing;
+    var across = nothing;
+    var low = vec3f(1e9);
+    var high = vec3f(-1e9);
     for (var k = 0; k < 16; k++) {
         let r = EDGE_ERROR * select(1.5, 2.5, k >= 8);
         let q = clamp(pixel + vec2i(round(around(k) * r)), vec2i(0), last);
         let there = textureLoad(shadow, q, 0);
         let key = key_of(there.a);
         let counts = ((key == key_of(own.a)) | (key == other)) && is_certain(q, there, last);
-        let linear = linear_of(textureLoad(camera, q, 0).rgb);
+        let light = linear_of(textureLoad(camera, q, 0).rgb);
+        let same = !real_edge(own.a, there.a);
+        here = with_pixel(here, light, there.rgb, counts & same);
+        across = with_pixel(across, light, there.rgb, counts & !same);
         // On the pixel's own side its own factor counts too: the shadow of a thin object, or in a
         // corner, may lie between the sampled texels.
-        let same = !real_edge(own.a, there.a);
         let lowest = select(there.rgb, min(there.rgb, own.rgb), same);
         let highest = select(there.rgb, max(there.rgb, own.rgb), same);
-        range.low = select(range.low, min(range.low, linear * lowest), counts);
-        range.high = select(range.high, max(range.high, linear * highest), counts);
-        on_own |= counts & (key == key_of(own.a));
-        across |= counts & (key == other);
+        low = select(low, min(low, light * lowest), counts);
+        high = select(high, max(high, light * highest), counts);
     }
-    if !(on_own & across) {
-        return Range(vec3f(1e9), vec3f(-1e9));
+    if here.count == 0.0 || across.count == 0.0 {
+        return AtEdge(vec3f(0.0), false);
     }
-    return range;
+    let a_light = here.light / here.count;
+    let b_light = across.light / across.count;
+    let b_factor = across.factor / across.count;
+    let apart = a_light - b_light;
+    let contrast = length(apart) / max(length(a_light) + length(b_light), 1e-6);
+    let a = clamp(dot(linear - b_light, apart) / max(dot(apart, apart), 1e-9), 0.0, 1.0);
+    let factor = mix(b_factor, own_factor, a);
+    let divided = linear * factor + a * (1.0 - a) * (own_factor - b_factor) * apart;
+    let texture = length(linear - mix(b_light, a_light, a)) / max(length(apart), 1e-6);
+    let known = smoothstep(EDGE_KNOWN.x, EDGE_KNOWN.y, contrast)
+        * (1.0 - smoothstep(EDGE_TEXTURE.x, EDGE_TEXTURE.y, texture));
+    let light = mix(linear * own_factor, divided, known);
+    return AtEdge(clamp(light, low, high), true);
 }
 
 // `near_edge`: whether a real edge may be near.
@@ -100,18 +134,17 @@ fn background_at(pixel: vec2i, near_edge: bool) -> vec4f {
     let code = textureLoad(camera, pixel, 0);
     let factor = shadow_at(pixel);
     let added = added_at(pixel);
-    var range = Range(vec3f(1.0), vec3f(0.0));
+    var at_edge = AtEdge(vec3f(0.0), false);
     if near_edge && frame.counts.y == 0u {
-        range = beside_edge(pixel);
+        at_edge = divided_at_edge(pixel, linear_of(code.rgb), factor);
     }
-    let free = range.low.r > range.high.r;
     let unshadowed = all(factor == vec3f(select(1.0, 0.0, frame.counts.y == 1u)));
-    if free && unshadowed && all(added == vec3f(0.0)) {
+    if !at_edge.found && unshadowed && all(added == vec3f(0.0)) {
         if EXPOSED {
             return encoded(code.rgb);
         }
         return code;
     }
-    let linear = shadowed(code.rgb, factor, pixel);
-    return encoded(select(clamp(linear, range.low, range.high), linear, free) + in_exposure(added));
+    let linear = select(shadowed(code.rgb, factor, pixel), at_edge.light, at_edge.found);
+    return encoded(linear + in_exposure(added));
 }

@@ -1,14 +1,18 @@
 // Pixels along edges of the real scene: outlines and creases of phantoms, and the rims of real
 // shadows. The camera mixes both sides there, and a proxy or a pose is never exact to the pixel, so
 // a pixel may be assigned to the wrong side: sunlit paving keeps its sunlight, or paving in shadow
-// loses its sunlight twice. The result there is therefore clamped to the range of the values on
-// both sides, a few pixels away, where the sides are certain (as temporal antialiasing clamps
-// history to its neighbourhood; Karis 2014).
+// loses its sunlight twice. Such pixels are divided between both sides by their colour.
 
 // Maximum error of the proxies' edges, picture pixels.
 const EDGE_ERROR = 3.0;
 // Difference of shadow across an edge from which on it matters.
 const EDGE_CONTRAST = 0.15;
+// Contrast of the picture between both sides (difference over sum) below which the sides cannot be
+// told apart in a pixel, and from which on they can.
+const EDGE_KNOWN = vec2f(0.05, 0.15);
+// Distance of a pixel's colour from the line between those of both sides, as a share of that line,
+// up to which the pixel is a mixture of them, and from which on it shows texture.
+const EDGE_TEXTURE = vec2f(0.08, 0.24);
 // Levels to which the light share beside a surface's key is quantised.
 const SHARE_LEVELS = 7.0;
 
