@@ -12,7 +12,7 @@ const EDGE_CONTRAST = 0.15;
 const EDGE_KNOWN = vec2f(0.05, 0.15);
 // Distance of a pixel's colour from the line between those of both sides, as a share of that line,
 // up to which the pixel is a mixture of them, and from which on it shows texture.
-const EDGE_TEXTURE = vec2f(0.08, 0.24);
+const EDGE_TEXTURE = vec2f(0.15, 0.4);
 // Levels to which the light share beside a surface's key is quantised.
 const SHARE_LEVELS = 7.0;
 
