@@ -76,12 +76,13 @@ struct AtEdge {
 
 // The picture's light at a pixel, divided between both sides of a real edge near it, each part with
 // its side's factor. The camera mixed both sides there: `linear` = a A + (1 - a) B, with A and B the
-// light of pixels that certainly lie on either side, and fA = `own_factor`, so that
+// light of pixels that certainly lie on either side, and fA = `own_factor`, so that the factor of the
+// whole is
 //
-//   shown = a fA A + (1 - a) fB B + (a fA + (1 - a) fB) (linear - a A - (1 - a) B)
+//   f = (a fA A + (1 - a) fB B) / (a A + (1 - a) B)
 //
-// where the last term is texture. What `a` is shows as far as A differs from B, and texture is weak;
-// otherwise the pixel belongs to its own surface. The result is limited to the range of both sides.
+// What `a` is shows as far as A differs from B, and texture is weak; otherwise the pixel belongs to
+// its own surface. The result is limited to the range of both sides.
 fn divided_at_edge(pixel: vec2i, linear: vec3f, own_factor: vec3f) -> AtEdge {
     let last = vec2i(textureDimensions(shadow)) - vec2i(1);
     let own = textureLoad(shadow, pixel, 0);
@@ -120,13 +121,12 @@ fn divided_at_edge(pixel: vec2i, linear: vec3f, own_factor: vec3f) -> AtEdge {
     let apart = a_light - b_light;
     let contrast = length(apart) / max(length(a_light) + length(b_light), 1e-6);
     let a = clamp(dot(linear - b_light, apart) / max(dot(apart, apart), 1e-9), 0.0, 1.0);
-    let factor = mix(b_factor, own_factor, a);
-    let divided = linear * factor + a * (1.0 - a) * (own_factor - b_factor) * apart;
-    let texture = length(linear - mix(b_light, a_light, a)) / max(length(apart), 1e-6);
+    let mixed = mix(b_light, a_light, a);
+    let factor = mix(b_light * b_factor, a_light * own_factor, a) / max(mixed, vec3f(1e-6));
+    let texture = length(linear - mixed) / max(length(apart), 1e-6);
     let known = smoothstep(EDGE_KNOWN.x, EDGE_KNOWN.y, contrast)
         * (1.0 - smoothstep(EDGE_TEXTURE.x, EDGE_TEXTURE.y, texture));
-    let light = mix(linear * own_factor, divided, known);
-    return AtEdge(clamp(light, low, high), true);
+    return AtEdge(clamp(linear * mix(own_factor, factor, known), low, high), true);
 }
 
 // `near_edge`: whether a real edge may be near.
