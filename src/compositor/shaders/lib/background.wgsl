@@ -57,15 +57,21 @@ fn is_certain(q: vec2i, there: vec4f, last: vec2i) -> bool {
 
 // One side of a real edge: sums over pixels that certainly lie there.
 struct Side {
-    // Linear light of the picture, and factor on it.
+    // Linear light of the picture, its square, and the factor on it.
     light: vec3f,
+    square: f32,
     factor: vec3f,
     count: f32,
 }
 
 fn with_pixel(s: Side, light: vec3f, factor: vec3f, counts: bool) -> Side {
     let w = select(0.0, 1.0, counts);
-    return Side(s.light + light * w, s.factor + factor * w, s.count + w);
+    return Side(s.light + light * w, s.square + dot(light, light) * w, s.factor + factor * w, s.count + w);
+}
+
+// Variance of the light on a side whose mean is `mean`.
+fn variance_of(s: Side, mean: vec3f) -> f32 {
+    return max(s.square / s.count - dot(mean, mean), 0.0);
 }
 
 // The shadowed picture near a real edge.
@@ -81,8 +87,8 @@ struct AtEdge {
 //
 //   f = (a fA A + (1 - a) fB B) / (a A + (1 - a) B)
 //
-// What `a` is shows as far as A differs from B, and texture is weak; otherwise the pixel belongs to
-// its own surface. The result is limited to the range of both sides.
+// What `a` is shows as far as A differs from B, and texture on both sides is weak; otherwise the pixel
+// belongs to its own surface. The result is limited to the range of both sides.
 fn divided_at_edge(pixel: vec2i, linear: vec3f, own_factor: vec3f) -> AtEdge {
     let last = vec2i(textureDimensions(shadow)) - vec2i(1);
     let own = textureLoad(shadow, pixel, 0);
@@ -90,7 +96,7 @@ fn divided_at_edge(pixel: vec2i, linear: vec3f, own_factor: vec3f) -> AtEdge {
     if other < 0.0 {
         return AtEdge(vec3f(0.0), false);
     }
-    let nothing = Side(vec3f(0.0), vec3f(0.0), 0.0);
+    let nothing = Side(vec3f(0.0), 0.0, vec3f(0.0), 0.0);
     var here = nothing;
     var across = nothing;
     var low = vec3f(1e9);
@@ -123,7 +129,9 @@ fn divided_at_edge(pixel: vec2i, linear: vec3f, own_factor: vec3f) -> AtEdge {
     let a = clamp(dot(linear - b_light, apart) / max(dot(apart, apart), 1e-9), 0.0, 1.0);
     let mixed = mix(b_light, a_light, a);
     let factor = mix(b_light * b_factor, a_light * own_factor, a) / max(mixed, vec3f(1e-6));
-    let texture = length(linear - mixed) / max(length(apart), 1e-6);
+    let spread = variance_of(here, a_light) + variance_of(across, b_light);
+    let beside = linear - mixed;
+    let texture = sqrt((dot(beside, beside) + spread) / max(dot(apart, apart), 1e-9));
     let known = smoothstep(EDGE_KNOWN.x, EDGE_KNOWN.y, contrast)
         * (1.0 - smoothstep(EDGE_TEXTURE.x, EDGE_TEXTURE.y, texture));
     return AtEdge(clamp(linear * mix(own_factor, factor, known), low, high), true);

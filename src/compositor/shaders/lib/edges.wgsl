@@ -10,9 +10,10 @@ const EDGE_CONTRAST = 0.15;
 // Contrast of the picture between both sides (difference over sum) below which the sides cannot be
 // told apart in a pixel, and from which on they can.
 const EDGE_KNOWN = vec2f(0.05, 0.15);
-// Distance of a pixel's colour from the line between those of both sides, as a share of that line,
-// up to which the pixel is a mixture of them, and from which on it shows texture.
-const EDGE_TEXTURE = vec2f(0.15, 0.4);
+// Texture as a share of the difference between both sides up to which a pixel shows how it is mixed,
+// and from which on it does not: standard deviation on both sides, and the distance of the pixel's
+// colour from the line between theirs.
+const EDGE_TEXTURE = vec2f(0.25, 0.5);
 // Levels to which the light share beside a surface's key is quantised.
 const SHARE_LEVELS = 7.0;
 
