@@ -109,8 +109,10 @@ fn divided_at_edge(pixel: vec2i, linear: vec3f, own_factor: vec3f) -> AtEdge {
         let counts = ((key == key_of(own.a)) | (key == other)) && is_certain(q, there, last);
         let light = linear_of(textureLoad(camera, q, 0).rgb);
         let same = !real_edge(own.a, there.a);
-        here = with_pixel(here, light, there.rgb, counts & same);
-        across = with_pixel(across, light, there.rgb, counts & !same);
+        // The rim of a real shadow lies within one surface.
+        let is_here = select(same, key == key_of(own.a), other != key_of(own.a));
+        here = with_pixel(here, light, there.rgb, counts & is_here);
+        across = with_pixel(across, light, there.rgb, counts & !is_here);
         // On the pixel's own side its own factor counts too: the shadow of a thin object, or in a
         // corner, may lie between the sampled texels.
         let lowest = select(there.rgb, min(there.rgb, own.rgb), same);
