@@ -6,9 +6,8 @@ use super::mesh_buffers::{index_buffer, placed_indices};
 use glam::{DMat3, DMat4};
 use penumbra_scene::{Part, coarser};
 
-/// Errors of the coarser levels as shares of the part's extent; a level is used from half as near on
-/// as the next.
-const ERRORS: [f64; 4] = [1.0 / 4800.0, 1.0 / 2400.0, 1.0 / 1200.0, 1.0 / 600.0];
+/// Errors of the coarser levels as shares of the part's extent.
+const ERRORS: [f64; 2] = [1.0 / 5000.0, 1.0 / 1250.0];
 /// Maximum error in the picture, pixels. The quadric error is an average; the error of the worst
 /// point is two to three times as large.
 const MAX_ERROR_PIXELS: f64 = 0.2;
@@ -45,17 +44,10 @@ impl Details {
         if let Some(corners) = corners.filter(|_| coarse) {
             let extent = corners[0].distance(corners[7]);
             let textured = part.material.is_textured();
-            for share in ERRORS {
+            levels.extend(ERRORS.iter().filter_map(|share| {
                 let error = extent * share / scale(part);
-                let fewer = coarser(&part.mesh, error as f32, textured);
-                let before = levels.last().map_or(0, |level| level.count as usize);
-                // A level that is hardly coarser than the one before is not worth its memory.
-                levels.extend(
-                    fewer
-                        .filter(|indices| 3 * indices.len() < 2 * before)
-                        .map(|indices| level(&indices, extent * share)),
-                );
-            }
+                coarser(&part.mesh, error as f32, textured).map(|i| level(&i, extent * share))
+            }));
         }
         Self {
             levels,

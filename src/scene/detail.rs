@@ -11,7 +11,7 @@ const UV_ERROR: f32 = 0.002;
 
 /// Returns indices of fewer triangles over the vertices of `mesh`, with an error of about
 /// `max_error_m` (units of the mesh; quadric error of Garland and Heckbert 1998 with normals and,
-/// if `textured`, texture coordinates). `None` if fewer than a third of the triangles are removed.
+/// if `textured`, texture coordinates). `None` if fewer than half of the triangles are removed.
 #[must_use]
 pub fn coarser(mesh: &Mesh, max_error_m: f32, textured: bool) -> Option<Vec<u32>> {
     if mesh.indices.len() < 3 * 500 || max_error_m.is_nan() || max_error_m <= 0.0 {
@@ -41,7 +41,7 @@ pub fn coarser(mesh: &Mesh, max_error_m: f32, textured: bool) -> Option<Vec<u32>
         SimplifyOptions::None,
         None,
     );
-    (!indices.is_empty() && 3 * indices.len() < 2 * mesh.indices.len()).then_some(indices)
+    (!indices.is_empty() && 2 * indices.len() < mesh.indices.len()).then_some(indices)
 }
 
 #[cfg(test)]

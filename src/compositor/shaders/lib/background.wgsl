@@ -71,7 +71,7 @@ fn with_pixel(s: Side, light: vec3f, factor: vec3f, counts: bool) -> Side {
 
 // Variance of the light on a side whose mean is `mean`.
 fn variance_of(s: Side, mean: vec3f) -> f32 {
-    return max(s.square / s.count - dot(mean, mean), 0.0);
+    return max(s.square / max(s.count, 1.0) - dot(mean, mean), 0.0);
 }
 
 // The shadowed picture near a real edge.
@@ -120,12 +120,13 @@ fn divided_at_edge(pixel: vec2i, linear: vec3f, own_factor: vec3f) -> AtEdge {
         low = select(low, min(low, light * lowest), counts);
         high = select(high, max(high, light * highest), counts);
     }
-    if here.count == 0.0 || across.count == 0.0 {
+    let two_sides = here.count > 0.0 && across.count > 0.0;
+    if !two_sides && (other != key_of(own.a) || low.r > high.r) {
         return AtEdge(vec3f(0.0), false);
     }
-    let a_light = here.light / here.count;
-    let b_light = across.light / across.count;
-    let b_factor = across.factor / across.count;
+    let a_light = here.light / max(here.count, 1.0);
+    let b_light = across.light / max(across.count, 1.0);
+    let b_factor = across.factor / max(across.count, 1.0);
     let apart = a_light - b_light;
     let contrast = length(apart) / max(length(a_light) + length(b_light), 1e-6);
     let a = clamp(dot(linear - b_light, apart) / max(dot(apart, apart), 1e-9), 0.0, 1.0);
@@ -134,7 +135,7 @@ fn divided_at_edge(pixel: vec2i, linear: vec3f, own_factor: vec3f) -> AtEdge {
     let spread = variance_of(here, a_light) + variance_of(across, b_light);
     let beside = linear - mixed;
     let texture = sqrt((dot(beside, beside) + spread) / max(dot(apart, apart), 1e-9));
-    let known = smoothstep(EDGE_KNOWN.x, EDGE_KNOWN.y, contrast)
+    let known = select(0.0, 1.0, two_sides) * smoothstep(EDGE_KNOWN.x, EDGE_KNOWN.y, contrast)
         * (1.0 - smoothstep(EDGE_TEXTURE.x, EDGE_TEXTURE.y, texture));
     return AtEdge(clamp(linear * mix(own_factor, factor, known), low, high), true);
 }
