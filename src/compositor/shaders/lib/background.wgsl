@@ -93,8 +93,8 @@ struct AtEdge {
 // What `a` is shows as far as A differs from B, and texture on both sides is weak; otherwise the pixel
 // belongs to its own surface. The result is limited to the range of both sides.
 fn divided_at_edge(pixel: vec2i, linear: vec3f, found_factor: vec3f) -> AtEdge {
-    // Lamps brighten what is dark beyond the range of half floats.
-    let own_factor = min(found_factor, vec3f(MAX_FACTOR));
+    // What is dark may be brightened or darkened beyond the range of half floats.
+    let own_factor = clamp(found_factor, vec3f(0.0), vec3f(MAX_FACTOR));
     let last = vec2i(textureDimensions(shadow)) - vec2i(1);
     let own = textureLoad(shadow, pixel, 0);
     let other = across_real_edge(pixel, own, last);
@@ -116,7 +116,7 @@ fn divided_at_edge(pixel: vec2i, linear: vec3f, found_factor: vec3f) -> AtEdge {
         let same = !real_edge(own.a, there.a);
         // The rim of a real shadow lies within one surface.
         let is_here = select(same, key == key_of(own.a), other != key_of(own.a));
-        let factor = min(there.rgb, vec3f(MAX_FACTOR));
+        let factor = clamp(there.rgb, vec3f(0.0), vec3f(MAX_FACTOR));
         here = with_pixel(here, light, factor, counts & is_here);
         across = with_pixel(across, light, factor, counts & !is_here);
         // On the pixel's own side its own factor counts too: the shadow of a thin object, or in a
