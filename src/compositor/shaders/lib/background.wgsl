@@ -55,9 +55,6 @@ fn is_certain(q: vec2i, there: vec4f, last: vec2i) -> bool {
     return certain;
 }
 
-// Maximum factor of a pixel that is divided.
-const MAX_FACTOR = 1000.0;
-
 // One side of a real edge: sums over pixels that certainly lie there.
 struct Side {
     // Linear light of the picture, its square, and the factor on it.
@@ -85,16 +82,14 @@ struct AtEdge {
 
 // The picture's light at a pixel, divided between both sides of a real edge near it, each part with
 // its side's factor. The camera mixed both sides there: `linear` = a A + (1 - a) B, with A and B the
-// light of pixels that certainly lie on either side, and fA = `found_factor`, so that the factor of the
+// light of pixels that certainly lie on either side, and fA = `own_factor`, so that the factor of the
 // whole is
 //
 //   f = (a fA A + (1 - a) fB B) / (a A + (1 - a) B)
 //
 // What `a` is shows as far as A differs from B, and texture on both sides is weak; otherwise the pixel
 // belongs to its own surface. The result is limited to the range of both sides.
-fn divided_at_edge(pixel: vec2i, linear: vec3f, found_factor: vec3f) -> AtEdge {
-    // What is dark may be brightened or darkened beyond the range of half floats.
-    let own_factor = clamp(found_factor, vec3f(0.0), vec3f(MAX_FACTOR));
+fn divided_at_edge(pixel: vec2i, linear: vec3f, own_factor: vec3f) -> AtEdge {
     let last = vec2i(textureDimensions(shadow)) - vec2i(1);
     let own = textureLoad(shadow, pixel, 0);
     let other = across_real_edge(pixel, own, last);
@@ -116,9 +111,8 @@ fn divided_at_edge(pixel: vec2i, linear: vec3f, found_factor: vec3f) -> AtEdge {
         let same = !real_edge(own.a, there.a);
         // The rim of a real shadow lies within one surface.
         let is_here = select(same, key == key_of(own.a), other != key_of(own.a));
-        let factor = clamp(there.rgb, vec3f(0.0), vec3f(MAX_FACTOR));
-        here = with_pixel(here, light, factor, counts & is_here);
-        across = with_pixel(across, light, factor, counts & !is_here);
+        here = with_pixel(here, light, there.rgb, counts & is_here);
+        across = with_pixel(across, light, there.rgb, counts & !is_here);
         // On the pixel's own side its own factor counts too: the shadow of a thin object, or in a
         // corner, may lie between the sampled texels.
         let lowest = select(there.rgb, min(there.rgb, own.rgb), same);

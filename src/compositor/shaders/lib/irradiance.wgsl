@@ -53,5 +53,7 @@ fn change_of_picture(lost: vec3f, arriving: vec3f, added: vec3f, n: vec3f) -> ve
         lowest = max(0.05 * by_normal(irradiance_of_lights, n), vec3f(1e-4));
     }
     let factor = vec3f(1.0) - lost / max(arriving, vec3f(1e-6)) + added / max(arriving, lowest);
-    return select(factor, (lost - added) / PI, frame.counts.y == 1u);
+    let change = select(factor, (lost - added) / PI, frame.counts.y == 1u);
+    // Half floats hold it; infinite ones would become NaN where they are averaged with weight 0.
+    return clamp(change, vec3f(-6e4), vec3f(6e4));
 }
