@@ -2,11 +2,12 @@
 //! sums.
 
 use crate::casters::{Casters, Maps};
+use crate::disc::Disc;
 use crate::layout::{Bounds, Layout, Page, Receiver, TEXELS};
 use crate::receivers::{CachedPart, Layer, MovingReceiver, bounds_of, receivers};
 use crate::sums::{Packed, PageLight, Sums, Unshadowed};
 use crate::texels::{PageTexels, texels};
-use crate::visibility::{Disc, LitMap, Offset, Reach};
+use crate::visibility::{LitMap, Offset, Reach};
 use glam::{DMat4, Vec3};
 use half::f16;
 use penumbra_interface::threads;
@@ -370,6 +371,23 @@ struct PagesView<'a> {
 /// whether they have changed.
 type SomePages<'a> = (usize, &'a mut [u8], &'a mut [Reach], &'a mut [bool]);
 
+/// Finding the visibility on some pages, with the instructions that the processor has.
+struct Search<'a> {
+    view: &'a PagesView<'a>,
+    lit: Option<&'a LitMap<'a>>,
+    which: usize,
+    pages: SomePages<'a>,
+}
+
+impl pulp::WithSimd for Search<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: pulp::Simd>(self, _: S) {
+        self.view.find(self.lit, self.which, self.pages);
+    }
+}
+
 impl PagesView<'_> {
     /// Finds the visibility of a light on all pages, `divided` between threads or on this one.
     fn renew(&self, kept: &mut LightPages, light: &DomeLight, maps: &mut Maps, divided: bool) {
@@ -393,20 +411,33 @@ impl PagesView<'_> {
             let touched = kept.is_touched.chunks_mut(chunk);
             let pages = seen.zip(reach).zip(touched).enumerate();
             let pages = pages.map(|(i, ((s, r), t))| (i * chunk, s, r, t)).collect();
-            threads::for_each(pages, |pages| self.find(lit.as_ref(), which, pages));
+            let lit = lit.as_ref();
+            threads::for_each(pages, |pages| {
+                pulp::Arch::new().dispatch(Search {
+                    view: self,
+                    lit,
+                    which,
+                    pages,
+                });
+            });
         }
     }
 
+    #[inline(always)]
     fn find(&self, lit: Option<&LitMap<'_>>, which: usize, pages: SomePages<'_>) {
         let (first, seen, reach, touched) = pages;
         let each = seen.chunks_exact_mut(TEXELS).zip(reach).zip(touched);
         for (p, ((seen, reach), touched)) in (first..).zip(each) {
             let before = *reach;
-            *reach = lit.map_or(Reach::Open, |lit| self.look(lit, which, p, seen));
+            *reach = Reach::Open;
+            if let Some(lit) = lit {
+                *reach = self.look(lit, which, p, seen);
+            }
             *touched |= before == Reach::Partial || *reach == Reach::Partial;
         }
     }
 
+    #[inline(always)]
     fn look(&self, lit: &LitMap<'_>, which: usize, p: usize, seen: &mut [u8]) -> Reach {
         let offset = match (self.parts[self.layout.pages[p].receiver].layer, which) {
             (Layer::Virtual(_), 0) => Offset::Lift,

@@ -1,10 +1,10 @@
 //! Orthographic depth maps of casters as a distant light sees them, rasterised on the processor.
 
+use crate::disc::{Eight, LANES};
 use crate::layout::Bounds;
+use crate::ranges::Ranges;
 use glam::{Vec2, Vec3};
 
-/// Texels along a side of a block, for which the nearest and the farthest depth are kept.
-const BLOCK: usize = 8;
 /// Depth where there is no caster, metres.
 pub const FAR: f32 = f32::INFINITY;
 
@@ -47,18 +47,20 @@ impl View {
     }
 
     /// Texel coordinates of a point, and its distance away from the light, metres.
-    #[inline]
+    #[inline(always)]
     pub fn project(&self, p: Vec3) -> (Vec2, f32) {
         let flat = Vec2::new(p.dot(self.right), p.dot(self.up)) - self.low;
         (flat * self.scale, -p.dot(self.to_light))
     }
 
     /// Length of a texel, metres.
+    #[inline(always)]
     pub fn texel(&self) -> f32 {
         1.0 / self.scale
     }
 
     /// Change of distance per texel on a surface with normal `n`, along both axes of the map.
+    #[inline(always)]
     pub fn slope(&self, n: Vec3) -> Vec2 {
         let towards = n.dot(self.to_light).max(1e-3);
         let across = Vec2::new(n.dot(self.right), n.dot(self.up)) / towards;
@@ -66,6 +68,7 @@ impl View {
     }
 
     /// Range of texel coordinates and of distances of a box.
+    #[inline(always)]
     pub fn project_bounds(&self, b: &Bounds) -> (Vec2, Vec2, f32, f32) {
         let centre = 0.5 * (b.low + b.high);
         let half = 0.5 * (b.high - b.low);
@@ -81,46 +84,16 @@ impl View {
 pub struct DepthMap {
     size: usize,
     texels: Vec<f32>,
-    /// Nearest and farthest distance in each block, then in blocks twice as long, and so on.
-    levels: Vec<Vec<[f32; 2]>>,
-    nearest_of_all: f32,
-}
-
-/// The range of no texels.
-const EMPTY: [f32; 2] = [FAR, f32::NEG_INFINITY];
-
-/// Joins 2×2 blocks each; the coarser level has `across` blocks a side.
-fn join(finer: &[[f32; 2]], coarser: &mut [[f32; 2]], across: usize) {
-    for (i, block) in coarser.iter_mut().enumerate() {
-        let (x, y) = (2 * (i % across), 2 * (i / across));
-        let first = y * 2 * across + x;
-        let four = [first, first + 1, first + 2 * across, first + 2 * across + 1];
-        *block = four.iter().fold(EMPTY, |[lo, hi], k| {
-            let [a, b] = finer[*k];
-            [lo.min(a), hi.max(b)]
-        });
-    }
-}
-
-/// What is known of a rectangle of a map from its blocks.
-#[derive(Clone, Copy, Debug)]
-pub struct Range {
-    /// Distance of the nearest caster, metres.
-    pub nearest: f32,
-    /// Distance of the farthest texel, metres.
-    pub farthest: f32,
+    ranges: Ranges,
 }
 
 impl DepthMap {
     /// A map of `size` texels a side, a power of two of at least 8.
     pub fn new(size: usize) -> Self {
-        let across = size / BLOCK;
-        let levels = (0..=across.ilog2()).map(|l| vec![EMPTY; (across >> l) * (across >> l)]);
         Self {
             size,
             texels: vec![FAR; size * size],
-            levels: levels.collect(),
-            nearest_of_all: FAR,
+            ranges: Ranges::new(size),
         }
     }
 
@@ -184,106 +157,71 @@ impl DepthMap {
         }
     }
 
-    /// Finds the ranges of the blocks after everything was drawn.
+    /// Finds the ranges after everything was drawn.
+    #[inline(always)]
     pub fn finish(&mut self) {
-        let across = self.size / BLOCK;
-        let finest = &mut self.levels[0];
-        for by in 0..across {
-            let row = &mut finest[by * across..(by + 1) * across];
-            row.fill(EMPTY);
-            for y in by * BLOCK..(by + 1) * BLOCK {
-                let texels = &self.texels[y * self.size..(y + 1) * self.size];
-                for (block, texels) in row.iter_mut().zip(texels.chunks_exact(BLOCK)) {
-                    let depths = |(lo, hi): (f32, f32), z: &f32| (lo.min(*z), hi.max(*z));
-                    let (lo, hi) = texels.iter().fold((block[0], block[1]), depths);
-                    *block = [lo, hi];
-                }
-            }
-        }
-        for level in 1..self.levels.len() {
-            let (finer, coarser) = self.levels.split_at_mut(level);
-            join(&finer[level - 1], &mut coarser[0], across >> level);
-        }
-        let top = self.levels.last().map_or(EMPTY, |level| level[0]);
-        self.nearest_of_all = top[0];
+        self.ranges.find(&self.texels);
     }
 
-    /// Distance of the nearest caster in the map; [`FAR`] without casters.
-    pub const fn nearest_of_all(&self) -> f32 {
-        self.nearest_of_all
-    }
-
-    /// The range of distances in a rectangle or a little more; beyond the map there is no caster.
-    #[inline]
-    pub fn range(&self, low: Vec2, high: Vec2) -> Range {
-        // The finest level of which the rectangle touches at most 3×3 blocks.
-        let widest = (high - low).max_element() * (0.5 / BLOCK as f32);
-        let level = (widest as u32 + 1).next_power_of_two().trailing_zeros() as usize;
-        let level = level.min(self.levels.len() - 1);
-        let blocks = &self.levels[level];
-        let across = ((self.size / BLOCK) >> level) as i32;
-        let scale = 1.0 / (BLOCK << level) as f32;
-        let block = |x: f32| floor(x * scale);
-        let (x0, x1) = (block(low.x), block(high.x));
-        let (y0, y1) = (block(low.y), block(high.y));
-        let is_inside = x0 >= 0 && y0 >= 0 && x1 < across && y1 < across;
-        let mut range = Range {
-            nearest: FAR,
-            farthest: if is_inside { f32::NEG_INFINITY } else { FAR },
-        };
-        for y in y0.max(0)..=y1.min(across - 1) {
-            for x in x0.max(0)..=x1.min(across - 1) {
-                let [nearest, farthest] = blocks[(y * across + x) as usize];
-                range.nearest = range.nearest.min(nearest);
-                range.farthest = range.farthest.max(farthest);
-            }
-        }
-        range
+    /// Ranges of depth in squares of the map.
+    #[inline(always)]
+    pub const fn ranges(&self) -> &Ranges {
+        &self.ranges
     }
 
     /// Distance in the texel that contains `at`.
-    #[inline]
+    #[inline(always)]
     pub fn nearest(&self, at: Vec2) -> f32 {
-        // The outermost texels are empty, so rounding towards zero is as good as down.
-        let (x, y) = (at.x as i32 as usize, at.y as i32 as usize);
-        if x >= self.size || y >= self.size {
-            return FAR;
+        // The outermost texels are empty, as is what lies beyond.
+        let last = (self.size - 1) as f32;
+        let whole = |x: f32| x.max(0.0).min(last) as usize;
+        self.texels[whole(at.y) * self.size + whole(at.x)]
+    }
+
+    /// Distances at eight points, `scale` times as far about `at`.
+    #[inline(always)]
+    pub fn nearest_of_eight(&self, at: Vec2, points: &Eight, scale: f32) -> [f32; LANES] {
+        let last = (self.size - 1) as f32;
+        let size = self.size as i32;
+        let mut index = [0; LANES];
+        for (i, index) in index.iter_mut().enumerate() {
+            let x = (at.x + points.x[i] * scale).max(0.0).min(last);
+            let y = (at.y + points.y[i] * scale).max(0.0).min(last);
+            *index = y as i32 * size + x as i32;
         }
-        self.texels[y * self.size + x]
+        let mut depths = [0.0; LANES];
+        for (depth, index) in depths.iter_mut().zip(index) {
+            *depth = self.texels[index as usize];
+        }
+        depths
     }
 
     /// Share of the four texels about `at`, bilinearly weighted, that are not nearer to the light
     /// than `depth`.
-    #[inline]
+    #[inline(always)]
     pub fn seen(&self, at: Vec2, depth: f32) -> f32 {
-        let corner = at - 0.5;
-        let (x, y) = (floor(corner.x), floor(corner.y));
+        let last = (self.size - 2) as f32;
+        let corner = (at - 0.5).max(Vec2::ZERO).min(Vec2::splat(last));
+        let (x, y) = (corner.x as usize, corner.y as usize);
         let f = corner - Vec2::new(x as f32, y as f32);
-        let size = self.size as i32;
-        let open = |x: i32, y: i32| {
-            let inside = x >= 0 && y >= 0 && x < size && y < size;
-            let z = if inside {
-                self.texels[(y * size + x) as usize]
-            } else {
-                FAR
-            };
-            if z >= depth { 1.0 } else { 0.0 }
-        };
-        let top = open(x, y) * (1.0 - f.x) + open(x + 1, y) * f.x;
-        let bottom = open(x, y + 1) * (1.0 - f.x) + open(x + 1, y + 1) * f.x;
+        let first = y * self.size + x;
+        let open = |k: usize| f32::from(u8::from(self.texels[k] >= depth));
+        let top = open(first) * (1.0 - f.x) + open(first + 1) * f.x;
+        let first = first + self.size;
+        let bottom = open(first) * (1.0 - f.x) + open(first + 1) * f.x;
         top * (1.0 - f.y) + bottom * f.y
     }
 }
 
 /// The next integer below; the library's function is slow without SSE 4.1.
-#[inline]
-fn floor(x: f32) -> i32 {
+#[inline(always)]
+pub fn floor(x: f32) -> i32 {
     let whole = x as i32;
     whole.saturating_sub(i32::from(x < whole as f32))
 }
 
 /// The next integer above.
-#[inline]
+#[inline(always)]
 fn ceil(x: f32) -> i32 {
     let whole = x as i32;
     whole.saturating_add(i32::from(x > whole as f32))
@@ -319,9 +257,9 @@ mod tests {
                 }
             }
         }
-        let all = map.range(Vec2::splat(0.0), Vec2::splat(15.9));
+        let all = map.ranges().of(Vec2::splat(0.0), Vec2::splat(15.9));
         assert!((all.nearest - 1.0).abs() < 0.1 && all.farthest == FAR);
-        let inner = map.range(Vec2::splat(-4.0), Vec2::splat(-1.0));
+        let inner = map.ranges().of(Vec2::splat(-4.0), Vec2::splat(-1.0));
         assert_eq!((inner.nearest, inner.farthest), (FAR, FAR));
     }
 
