@@ -383,8 +383,8 @@ impl pulp::WithSimd for Search<'_> {
     type Output = ();
 
     #[inline(always)]
-    fn with_simd<S: pulp::Simd>(self, _: S) {
-        self.view.find(self.lit, self.which, self.pages);
+    fn with_simd<S: pulp::Simd>(self, simd: S) {
+        self.view.find(simd, self.lit, self.which, self.pages);
     }
 }
 
@@ -424,28 +424,28 @@ impl PagesView<'_> {
     }
 
     #[inline(always)]
-    fn find(&self, lit: Option<&LitMap<'_>>, which: usize, pages: SomePages<'_>) {
+    fn find<S: pulp::Simd>(&self, simd: S, lit: Option<&LitMap<'_>>, which: usize, pages: SomePages<'_>) {
         let (first, seen, reach, touched) = pages;
         let each = seen.chunks_exact_mut(TEXELS).zip(reach).zip(touched);
         for (p, ((seen, reach), touched)) in (first..).zip(each) {
             let before = *reach;
             *reach = Reach::Open;
             if let Some(lit) = lit {
-                *reach = self.look(lit, which, p, seen);
+                *reach = self.look(simd, lit, which, p, seen);
             }
             *touched |= before == Reach::Partial || *reach == Reach::Partial;
         }
     }
 
     #[inline(always)]
-    fn look(&self, lit: &LitMap<'_>, which: usize, p: usize, seen: &mut [u8]) -> Reach {
+    fn look<S: pulp::Simd>(&self, simd: S, lit: &LitMap<'_>, which: usize, p: usize, seen: &mut [u8]) -> Reach {
         let offset = match (self.parts[self.layout.pages[p].receiver].layer, which) {
             (Layer::Virtual(_), 0) => Offset::Lift,
             (Layer::Phantom(_), 1) => Offset::Shift,
             _ => Offset::None,
         };
         let place = (&self.bounds[p], self.layout.length(p));
-        lit.look(&self.texels[p], place, offset, seen)
+        lit.look(simd, &self.texels[p], place, offset, seen)
     }
 }
 

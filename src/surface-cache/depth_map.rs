@@ -4,6 +4,7 @@ use crate::disc::{Eight, LANES};
 use crate::layout::Bounds;
 use crate::ranges::Ranges;
 use glam::{Vec2, Vec3};
+use pulp::Simd;
 
 /// Depth where there is no caster, metres.
 pub const FAR: f32 = f32::INFINITY;
@@ -180,18 +181,34 @@ impl DepthMap {
 
     /// Distances at eight points, `scale` times as far about `at`.
     #[inline(always)]
-    pub fn nearest_of_eight(&self, at: Vec2, points: &Eight, scale: f32) -> [f32; LANES] {
-        let last = (self.size - 1) as f32;
-        let size = self.size as i32;
-        let mut index = [0; LANES];
-        for (i, index) in index.iter_mut().enumerate() {
-            let x = (at.x + points.x[i] * scale).max(0.0).min(last);
-            let y = (at.y + points.y[i] * scale).max(0.0).min(last);
-            *index = y as i32 * size + x as i32;
+    pub fn nearest_of_eight<S: Simd>(
+        &self,
+        simd: S,
+        at: Vec2,
+        points: &Eight,
+        scale: f32,
+    ) -> [f32; LANES] {
+        // Adding these rounds to whole numbers, and leaves a whole number in the lowest bits.
+        const ROUND: f32 = 12_582_912.0;
+        const BITS: f32 = 8_388_608.0;
+        let (half, last) = (simd.splat_f32s(0.5), simd.splat_f32s((self.size - 1) as f32));
+        let (zero, scale) = (simd.splat_f32s(0.0), simd.splat_f32s(scale));
+        let (round, bits) = (simd.splat_f32s(ROUND), simd.splat_f32s(BITS));
+        let whole = |point: S::f32s, at: f32| {
+            let x = simd.add_f32s(simd.mul_f32s(point, scale), simd.splat_f32s(at));
+            let x = simd.sub_f32s(simd.min_f32s(simd.max_f32s(x, zero), last), half);
+            simd.sub_f32s(simd.add_f32s(x, round), round)
+        };
+        let size = simd.splat_f32s(self.size as f32);
+        let mut index = [0.0; LANES];
+        let (x, y) = (S::as_simd_f32s(&points.x).0, S::as_simd_f32s(&points.y).0);
+        for ((x, y), index) in x.iter().zip(y).zip(S::as_mut_simd_f32s(&mut index).0) {
+            let first = simd.mul_f32s(whole(*y, at.y), size);
+            *index = simd.add_f32s(simd.add_f32s(first, whole(*x, at.x)), bits);
         }
         let mut depths = [0.0; LANES];
         for (depth, index) in depths.iter_mut().zip(index) {
-            *depth = self.texels[index as usize];
+            *depth = self.texels[(index.to_bits() & 0x7f_ffff) as usize];
         }
         depths
     }

@@ -3,6 +3,7 @@
 use crate::layout::BORDERED;
 use crate::texels::PageTexels;
 use crate::visibility::{FREE, How, LitMap, Look, Offset};
+use pulp::Simd;
 
 /// Texels of a page, along each axis, between which visibility may be interpolated: the corners of
 /// 4×4 small patches, of which every other one is a corner of 2×2 large ones.
@@ -15,7 +16,8 @@ const SMOOTH: [f32; 2] = [8.0, 60.0];
 const AROUND: [f32; 2] = [4.0, 6.5];
 
 /// Visibility at some texels of a page.
-pub struct Lattice<'a> {
+pub struct Lattice<'a, S> {
+    pub simd: S,
     pub lit: &'a LitMap<'a>,
     pub page: &'a PageTexels,
     /// Distance of the nearest caster that matters on the page, metres.
@@ -27,7 +29,7 @@ pub struct Lattice<'a> {
     pub looks: [[Option<Look>; 5]; 5],
 }
 
-impl Lattice<'_> {
+impl<S: Simd> Lattice<'_, S> {
     /// Finds the visible share of the light, in 255ths, on all texels of the page.
     #[inline(always)]
     pub fn fill(&mut self, seen: &mut [u8]) {
@@ -73,7 +75,7 @@ impl Lattice<'_> {
             disc: &self.lit.disc.many,
         };
         let k = LATTICE[y] * BORDERED + LATTICE[x];
-        let look = self.lit.at(self.page, k, &how, self.offset);
+        let look = self.lit.at(self.simd, self.page, k, &how, self.offset);
         self.looks[y][x] = Some(look);
         look
     }
@@ -120,7 +122,7 @@ impl Lattice<'_> {
                     reach: self.length,
                     disc: self.lit.disc.rotated(k),
                 };
-                let look = self.lit.at(self.page, k, &how, self.offset);
+                let look = self.lit.at(self.simd, self.page, k, &how, self.offset);
                 seen[k] = in_255ths(look.share);
             }
         }

@@ -7,6 +7,7 @@ use crate::lattice::Lattice;
 use crate::layout::Bounds;
 use crate::texels::PageTexels;
 use glam::{Vec2, Vec3};
+use pulp::Simd;
 
 /// A light with the map of its casters.
 pub struct LitMap<'a> {
@@ -76,8 +77,9 @@ impl LitMap<'_> {
     /// Writes the visible share of the light, in 255ths, for each texel of a page that faces it;
     /// others count as open. `length`: that of a texel, metres.
     #[inline(always)]
-    pub fn look(
+    pub fn look<S: Simd>(
         &self,
+        simd: S,
         page: &PageTexels,
         (bounds, length): (&Bounds, f32),
         offset: Offset,
@@ -89,6 +91,7 @@ impl LitMap<'_> {
             return Reach::Open;
         };
         let mut lattice = Lattice {
+            simd,
             lit: self,
             page,
             nearest,
@@ -117,14 +120,14 @@ impl LitMap<'_> {
     }
 
     #[inline(always)]
-    pub fn at(&self, page: &PageTexels, k: usize, how: &How<'_>, offset: Offset) -> Look {
+    pub fn at<S: Simd>(&self, simd: S, page: &PageTexels, k: usize, how: &How<'_>, offset: Offset) -> Look {
         let n = page.normals[k];
         let cosine = n.dot(self.to_light);
         if !page.is_used[k] || cosine <= 0.0 {
             return Look::UNKNOWN;
         }
         let point = self.receiver(page.positions[k], n, cosine, offset);
-        self.share(&point, how)
+        self.share(simd, &point, how)
     }
 
     /// Distance of the nearest caster that may stand between the light and a box, metres.
@@ -162,7 +165,7 @@ impl LitMap<'_> {
     }
 
     #[inline(always)]
-    fn share(&self, p: &Receiving, how: &How<'_>) -> Look {
+    fn share<S: Simd>(&self, simd: S, p: &Receiving, how: &How<'_>) -> Look {
         let (nearest, disc) = (how.nearest, how.disc);
         let around = how.reach / self.view.texel();
         // Casters at a height h above the point block it if they lie within h times the spread.
@@ -181,7 +184,7 @@ impl LitMap<'_> {
             return certain(0.0);
         }
         let radius = (per_metre * (p.depth - range.nearest)).clamp(1.0, first);
-        let (blockers, sum) = self.blockers(p, radius, disc);
+        let (blockers, sum) = self.blockers(simd, p, radius, disc);
         if blockers == 0.0 {
             let share = self.map.seen(p.at, p.depth);
             return Look {
@@ -191,7 +194,7 @@ impl LitMap<'_> {
         }
         let width = (per_metre * (sum / blockers)).max(0.7);
         Look {
-            share: self.filtered(p, width, disc),
+            share: self.filtered(simd, p, width, disc),
             width: width * self.view.texel(),
         }
     }
@@ -199,47 +202,48 @@ impl LitMap<'_> {
     /// Number of blockers on a disc of `radius` texels, and the sum of their heights above the
     /// surface, metres.
     #[inline(always)]
-    fn blockers(&self, p: &Receiving, radius: f32, disc: &[Eight]) -> (f32, f32) {
-        let (mut count, mut sum) = ([0.0; LANES], [0.0; LANES]);
+    fn blockers<S: Simd>(&self, simd: S, p: &Receiving, radius: f32, disc: &[Eight]) -> (f32, f32) {
+        let (zero, one) = (simd.splat_f32s(0.0), simd.splat_f32s(1.0));
+        let (mut count, mut sum) = (zero, zero);
         for points in disc {
-            let depths = self.map.nearest_of_eight(p.at, points, radius);
-            for i in 0..LANES {
-                let height = p.depth_at(points, i, radius) - depths[i];
-                count[i] += if height > 0.0 { 1.0 } else { 0.0 };
-                sum[i] += if height > 0.0 { height } else { 0.0 };
+            let depths = self.map.nearest_of_eight(simd, p.at, points, radius);
+            for (i, depth) in S::as_simd_f32s(&depths).0.iter().enumerate() {
+                let height = simd.sub_f32s(p.depths(simd, points, i, radius), *depth);
+                let is_blocked = simd.greater_than_f32s(height, zero);
+                count = simd.add_f32s(count, simd.select_f32s(is_blocked, one, zero));
+                sum = simd.add_f32s(sum, simd.max_f32s(height, zero));
             }
         }
-        (total(count), total(sum))
+        (simd.reduce_sum_f32s(count), simd.reduce_sum_f32s(sum))
     }
 
     /// The mean over a disc of `width` texels.
     #[inline(always)]
-    fn filtered(&self, p: &Receiving, width: f32, disc: &[Eight]) -> f32 {
-        let mut seen = [0.0; LANES];
-        for points in disc {
-            if width < 2.0 {
-                for i in 0..LANES {
-                    let o = Vec2::new(points.x[i], points.y[i]) * width;
-                    seen[i] += self.map.seen(p.at + o, p.depth_at(points, i, width));
+    fn filtered<S: Simd>(&self, simd: S, p: &Receiving, width: f32, disc: &[Eight]) -> f32 {
+        let count = (LANES * disc.len()) as f32;
+        if width < 2.0 {
+            let mut seen = 0.0;
+            for points in disc {
+                for (x, y) in points.x.iter().zip(&points.y) {
+                    let o = Vec2::new(*x, *y) * width;
+                    seen += self.map.seen(p.at + o, p.depth + p.slope.dot(o));
                 }
-                continue;
             }
-            // Between so widely spread samples, interpolation makes no difference.
-            let depths = self.map.nearest_of_eight(p.at, points, width);
-            for i in 0..LANES {
-                let is_open = depths[i] >= p.depth_at(points, i, width);
-                seen[i] += if is_open { 1.0 } else { 0.0 };
+            return seen / count;
+        }
+        // Between so widely spread samples, interpolation makes no difference.
+        let (zero, one) = (simd.splat_f32s(0.0), simd.splat_f32s(1.0));
+        let mut seen = zero;
+        for points in disc {
+            let depths = self.map.nearest_of_eight(simd, p.at, points, width);
+            for (i, depth) in S::as_simd_f32s(&depths).0.iter().enumerate() {
+                let surface = p.depths(simd, points, i, width);
+                let is_open = simd.greater_than_or_equal_f32s(*depth, surface);
+                seen = simd.add_f32s(seen, simd.select_f32s(is_open, one, zero));
             }
         }
-        total(seen) / (LANES * disc.len()) as f32
+        simd.reduce_sum_f32s(seen) / count
     }
-}
-
-/// The sum of all lanes.
-#[inline(always)]
-fn total(lanes: [f32; LANES]) -> f32 {
-    let [a, b, c, d, e, f, g, h] = lanes;
-    ((a + e) + (c + g)) + ((b + f) + (d + h))
 }
 
 /// A point of a surface on a map.
@@ -259,9 +263,13 @@ impl Receiving {
         (self.slope.x.abs() + self.slope.y.abs()) * radius
     }
 
-    /// Distance of the surface at one of eight points, `radius` times as far.
+    /// Distances of the surface at the `i`th register of eight points, `radius` times as far.
     #[inline(always)]
-    fn depth_at(&self, points: &Eight, i: usize, radius: f32) -> f32 {
-        self.depth + (self.slope.x * points.x[i] + self.slope.y * points.y[i]) * radius
+    fn depths<S: Simd>(&self, simd: S, points: &Eight, i: usize, radius: f32) -> S::f32s {
+        let (x, y) = (S::as_simd_f32s(&points.x).0[i], S::as_simd_f32s(&points.y).0[i]);
+        let slope = self.slope * radius;
+        let x = simd.mul_f32s(x, simd.splat_f32s(slope.x));
+        let y = simd.mul_f32s(y, simd.splat_f32s(slope.y));
+        simd.add_f32s(simd.add_f32s(x, y), simd.splat_f32s(self.depth))
     }
 }
