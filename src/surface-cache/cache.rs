@@ -4,7 +4,7 @@
 use crate::casters::{Casters, Maps};
 use crate::disc::Disc;
 use crate::layout::{Bounds, Layout, Page, Receiver, TEXELS};
-use crate::receivers::{CachedPart, Layer, MovingReceiver, bounds_of, receivers};
+use crate::receivers::{CachedPart, Extent, Layer, MovingReceiver, receivers};
 use crate::sums::{Packed, PageLight, Sums, Unshadowed};
 use crate::texels::{PageTexels, texels};
 use crate::visibility::{LitMap, Offset, Reach};
@@ -108,7 +108,7 @@ pub struct SurfaceCache {
     pub(crate) parts: Vec<CachedPart>,
     pub(crate) layout: Layout,
     pub(crate) texels: Vec<Arc<PageTexels>>,
-    bounds: Vec<Bounds>,
+    extents: Vec<Extent>,
     casters: Casters,
     moving: Vec<MovingReceiver>,
     /// For the lights that stand for cells, and for compact ones.
@@ -152,7 +152,7 @@ impl SurfaceCache {
         Self {
             lights: (0..options.lights).map(|_| light()).collect(),
             sums: (0..pages).map(|_| sums()).collect(),
-            bounds: texels.iter().map(|t| bounds_of(t)).collect(),
+            extents: texels.iter().map(|t| Extent::of(t)).collect(),
             moving: MovingReceiver::all(scene, &parts, &layout, &texels),
             parts,
             layout,
@@ -179,10 +179,10 @@ impl SurfaceCache {
     #[must_use]
     pub fn receiver_pages(&self) -> Vec<ReceiverPage> {
         let each = self.layout.pages.iter().zip(&self.texels);
-        let each = each.zip(&self.bounds);
-        each.map(|((page, texels), bounds)| ReceiverPage {
+        let each = each.zip(&self.extents);
+        each.map(|((page, texels), extent)| ReceiverPage {
             layer: self.parts[page.receiver].layer,
-            bounds: *bounds,
+            bounds: extent.bounds,
             texels: texels.clone(),
         })
         .collect()
@@ -199,7 +199,7 @@ impl SurfaceCache {
     pub fn place(&mut self, part: usize, world: DMat4) {
         self.casters.place(part, world);
         if let Some(moving) = self.moving.iter().find(|moving| moving.is(part)) {
-            moving.place(world, &mut self.texels, &mut self.bounds);
+            moving.place(world, &mut self.texels, &mut self.extents);
             moving.pages().for_each(|p| self.is_changed[p] = true);
         }
     }
@@ -239,7 +239,7 @@ impl SurfaceCache {
             parts: &self.parts,
             layout: &self.layout,
             texels: &self.texels,
-            bounds: &self.bounds,
+            extents: &self.extents,
             casters: &self.casters,
             discs: &self.discs,
         };
@@ -310,8 +310,8 @@ impl SurfaceCache {
 
     /// Bounds of the pages of real surfaces on which something is in shadow.
     pub fn shadowed(&self) -> impl Iterator<Item = Bounds> {
-        let pages = self.bounds.iter().zip(&self.sums);
-        pages.filter_map(|(bounds, sums)| sums.is_shadowed.then_some(*bounds))
+        let pages = self.extents.iter().zip(&self.sums);
+        pages.filter_map(|(extent, sums)| sums.is_shadowed.then_some(extent.bounds))
     }
 }
 
@@ -362,7 +362,7 @@ struct PagesView<'a> {
     parts: &'a [CachedPart],
     layout: &'a Layout,
     texels: &'a [Arc<PageTexels>],
-    bounds: &'a [Bounds],
+    extents: &'a [Extent],
     casters: &'a Casters,
     discs: &'a [Disc; 2],
 }
@@ -444,7 +444,7 @@ impl PagesView<'_> {
             (Layer::Phantom(_), 1) => Offset::Shift,
             _ => Offset::None,
         };
-        let place = (&self.bounds[p], self.layout.length(p));
+        let place = (&self.extents[p], self.layout.length(p));
         lit.look(simd, &self.texels[p], place, offset, seen)
     }
 }

@@ -174,9 +174,9 @@ impl DepthMap {
     #[inline(always)]
     pub fn nearest(&self, at: Vec2) -> f32 {
         // The outermost texels are empty, as is what lies beyond.
-        let last = (self.size - 1) as f32;
-        let whole = |x: f32| x.max(0.0).min(last) as usize;
-        self.texels[whole(at.y) * self.size + whole(at.x)]
+        let last = (self.size as i32 - 1) as f32;
+        let whole = |x: f32| x.max(0.0).min(last) as i32;
+        self.texels[(whole(at.y) * self.size as i32 + whole(at.x)) as usize]
     }
 
     /// Distances at eight points, `scale` times as far about `at`.
@@ -191,7 +191,7 @@ impl DepthMap {
         // Adding these rounds to whole numbers, and leaves a whole number in the lowest bits.
         const ROUND: f32 = 12_582_912.0;
         const BITS: f32 = 8_388_608.0;
-        let (half, last) = (simd.splat_f32s(0.5), simd.splat_f32s((self.size - 1) as f32));
+        let (half, last) = (simd.splat_f32s(0.5), simd.splat_f32s((self.size as i32 - 1) as f32));
         let (zero, scale) = (simd.splat_f32s(0.0), simd.splat_f32s(scale));
         let (round, bits) = (simd.splat_f32s(ROUND), simd.splat_f32s(BITS));
         let whole = |point: S::f32s, at: f32| {
@@ -199,7 +199,7 @@ impl DepthMap {
             let x = simd.sub_f32s(simd.min_f32s(simd.max_f32s(x, zero), last), half);
             simd.sub_f32s(simd.add_f32s(x, round), round)
         };
-        let size = simd.splat_f32s(self.size as f32);
+        let size = simd.splat_f32s(self.size as i32 as f32);
         let mut index = [0.0; LANES];
         let (x, y) = (S::as_simd_f32s(&points.x).0, S::as_simd_f32s(&points.y).0);
         for ((x, y), index) in x.iter().zip(y).zip(S::as_mut_simd_f32s(&mut index).0) {
@@ -217,11 +217,11 @@ impl DepthMap {
     /// than `depth`.
     #[inline(always)]
     pub fn seen(&self, at: Vec2, depth: f32) -> f32 {
-        let last = (self.size - 2) as f32;
+        let last = (self.size as i32 - 2) as f32;
         let corner = (at - 0.5).max(Vec2::ZERO).min(Vec2::splat(last));
-        let (x, y) = (corner.x as usize, corner.y as usize);
+        let (x, y) = (corner.x as i32, corner.y as i32);
         let f = corner - Vec2::new(x as f32, y as f32);
-        let first = y * self.size + x;
+        let first = (y * self.size as i32 + x) as usize;
         let open = |k: usize| f32::from(u8::from(self.texels[k] >= depth));
         let top = open(first) * (1.0 - f.x) + open(first + 1) * f.x;
         let first = first + self.size;

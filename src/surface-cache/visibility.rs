@@ -5,6 +5,7 @@ use crate::depth_map::{DepthMap, View};
 use crate::disc::{Disc, Eight, LANES};
 use crate::lattice::Lattice;
 use crate::layout::Bounds;
+use crate::receivers::Extent;
 use crate::texels::PageTexels;
 use glam::{Vec2, Vec3};
 use pulp::Simd;
@@ -81,13 +82,15 @@ impl LitMap<'_> {
         &self,
         simd: S,
         page: &PageTexels,
-        (bounds, length): (&Bounds, f32),
+        (extent, length): (&Extent, f32),
         offset: Offset,
         seen: &mut [u8],
     ) -> Reach {
         let is_behind = page.plane.is_some_and(|n| n.dot(self.to_light) <= 0.0);
-        let nearest = self.nearest_blocker(bounds, offset);
-        let Some(nearest) = nearest.filter(|_| !is_behind) else {
+        if is_behind || extent.normals.is_behind(self.to_light) {
+            return Reach::Open;
+        }
+        let Some(nearest) = self.nearest_blocker(&extent.bounds, offset) else {
             return Reach::Open;
         };
         let mut lattice = Lattice {
