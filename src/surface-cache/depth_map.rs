@@ -1,6 +1,6 @@
 //! Orthographic depth maps of casters as a distant light sees them, rasterised on the processor.
 
-use crate::disc::{Eight, LANES};
+use crate::lanes::{dot, gather, whole};
 use crate::layout::Bounds;
 use crate::ranges::Ranges;
 use glam::{Vec2, Vec3};
@@ -60,12 +60,32 @@ impl View {
         1.0 / self.scale
     }
 
-    /// Change of distance per texel on a surface with normal `n`, along both axes of the map.
+    /// Texel coordinates of points, and their distances away from the light, metres.
     #[inline(always)]
-    pub fn slope(&self, n: Vec3) -> Vec2 {
-        let towards = n.dot(self.to_light).max(1e-3);
-        let across = Vec2::new(n.dot(self.right), n.dot(self.up)) / towards;
-        across.clamp(Vec2::splat(-4.0), Vec2::splat(4.0)) / self.scale
+    pub fn project_each<S: Simd>(&self, simd: S, p: [S::f32s; 3]) -> ([S::f32s; 2], S::f32s) {
+        let scale = simd.splat_f32s(self.scale);
+        let x = simd.sub_f32s(dot(simd, p, self.right), simd.splat_f32s(self.low.x));
+        let y = simd.sub_f32s(dot(simd, p, self.up), simd.splat_f32s(self.low.y));
+        let at = [simd.mul_f32s(x, scale), simd.mul_f32s(y, scale)];
+        (at, dot(simd, p, -self.to_light))
+    }
+
+    /// Changes of distance per texel on surfaces with normals `n`, along both axes of the map.
+    #[inline(always)]
+    pub fn slopes<S: Simd>(&self, simd: S, n: [S::f32s; 3]) -> [S::f32s; 2] {
+        let towards = simd.max_f32s(dot(simd, n, self.to_light), simd.splat_f32s(1e-3));
+        [
+            self.slope_along(simd, dot(simd, n, self.right), towards),
+            self.slope_along(simd, dot(simd, n, self.up), towards),
+        ]
+    }
+
+    #[inline(always)]
+    fn slope_along<S: Simd>(&self, simd: S, along: S::f32s, towards: S::f32s) -> S::f32s {
+        let across = simd.div_f32s(along, towards);
+        let across = simd.max_f32s(across, simd.splat_f32s(-4.0));
+        let across = simd.min_f32s(across, simd.splat_f32s(4.0));
+        simd.mul_f32s(across, simd.splat_f32s(self.texel()))
     }
 
     /// Range of texel coordinates and of distances of a box.
@@ -170,64 +190,76 @@ impl DepthMap {
         &self.ranges
     }
 
-    /// Distance in the texel that contains `at`.
+    /// Distances in the texels that contain points.
     #[inline(always)]
-    pub fn nearest(&self, at: Vec2) -> f32 {
+    pub fn nearest<S: Simd>(&self, simd: S, [x, y]: [S::f32s; 2]) -> S::f32s {
         // The outermost texels are empty, as is what lies beyond.
         let last = (self.size as i32 - 1) as f32;
-        let whole = |x: f32| x.max(0.0).min(last) as i32;
-        self.texels[(whole(at.y) * self.size as i32 + whole(at.x)) as usize]
+        let x = whole(simd, within(simd, x, last));
+        let y = whole(simd, within(simd, y, last));
+        gather(simd, &self.texels, self.index(simd, x, y))
     }
 
-    /// Distances at eight points, `scale` times as far about `at`.
     #[inline(always)]
-    pub fn nearest_of_eight<S: Simd>(
+    fn index<S: Simd>(&self, simd: S, x: S::f32s, y: S::f32s) -> S::f32s {
+        let rows = simd.splat_f32s(self.size as i32 as f32);
+        simd.add_f32s(simd.mul_f32s(y, rows), x)
+    }
+
+    /// Shares of the four texels about points, bilinearly weighted, that are not nearer to the
+    /// light than `depth`.
+    #[inline(always)]
+    pub fn seen<S: Simd>(&self, simd: S, [x, y]: [S::f32s; 2], depth: S::f32s) -> S::f32s {
+        let last = (self.size as i32 - 2) as f32;
+        let half = simd.splat_f32s(0.5);
+        let x = within(simd, simd.sub_f32s(x, half), last);
+        let y = within(simd, simd.sub_f32s(y, half), last);
+        let (x0, y0) = (below(simd, x), below(simd, y));
+        let (fx, fy) = (simd.sub_f32s(x, x0), simd.sub_f32s(y, y0));
+        let index = self.index(simd, x0, y0);
+        let top = self.seen_in_row(simd, index, fx, depth);
+        let rows = simd.splat_f32s(self.size as i32 as f32);
+        let bottom = self.seen_in_row(simd, simd.add_f32s(index, rows), fx, depth);
+        between(simd, top, bottom, fy)
+    }
+
+    /// The same of two texels each.
+    #[inline(always)]
+    fn seen_in_row<S: Simd>(
         &self,
         simd: S,
-        at: Vec2,
-        points: &Eight,
-        scale: f32,
-    ) -> [f32; LANES] {
-        // Adding these rounds to whole numbers, and leaves a whole number in the lowest bits.
-        const ROUND: f32 = 12_582_912.0;
-        const BITS: f32 = 8_388_608.0;
-        let (half, last) = (simd.splat_f32s(0.5), simd.splat_f32s((self.size as i32 - 1) as f32));
-        let (zero, scale) = (simd.splat_f32s(0.0), simd.splat_f32s(scale));
-        let (round, bits) = (simd.splat_f32s(ROUND), simd.splat_f32s(BITS));
-        let whole = |point: S::f32s, at: f32| {
-            let x = simd.add_f32s(simd.mul_f32s(point, scale), simd.splat_f32s(at));
-            let x = simd.sub_f32s(simd.min_f32s(simd.max_f32s(x, zero), last), half);
-            simd.sub_f32s(simd.add_f32s(x, round), round)
-        };
-        let size = simd.splat_f32s(self.size as i32 as f32);
-        let mut index = [0.0; LANES];
-        let (x, y) = (S::as_simd_f32s(&points.x).0, S::as_simd_f32s(&points.y).0);
-        for ((x, y), index) in x.iter().zip(y).zip(S::as_mut_simd_f32s(&mut index).0) {
-            let first = simd.mul_f32s(whole(*y, at.y), size);
-            *index = simd.add_f32s(simd.add_f32s(first, whole(*x, at.x)), bits);
-        }
-        let mut depths = [0.0; LANES];
-        for (depth, index) in depths.iter_mut().zip(index) {
-            *depth = self.texels[(index.to_bits() & 0x7f_ffff) as usize];
-        }
-        depths
+        index: S::f32s,
+        f: S::f32s,
+        depth: S::f32s,
+    ) -> S::f32s {
+        let (zero, one) = (simd.splat_f32s(0.0), simd.splat_f32s(1.0));
+        let left = gather(simd, &self.texels, index);
+        let right = gather(simd, &self.texels, simd.add_f32s(index, one));
+        let left = simd.greater_than_or_equal_f32s(left, depth);
+        let right = simd.greater_than_or_equal_f32s(right, depth);
+        let left = simd.select_f32s(left, one, zero);
+        between(simd, left, simd.select_f32s(right, one, zero), f)
     }
+}
 
-    /// Share of the four texels about `at`, bilinearly weighted, that are not nearer to the light
-    /// than `depth`.
-    #[inline(always)]
-    pub fn seen(&self, at: Vec2, depth: f32) -> f32 {
-        let last = (self.size as i32 - 2) as f32;
-        let corner = (at - 0.5).max(Vec2::ZERO).min(Vec2::splat(last));
-        let (x, y) = (corner.x as i32, corner.y as i32);
-        let f = corner - Vec2::new(x as f32, y as f32);
-        let first = (y * self.size as i32 + x) as usize;
-        let open = |k: usize| f32::from(u8::from(self.texels[k] >= depth));
-        let top = open(first) * (1.0 - f.x) + open(first + 1) * f.x;
-        let first = first + self.size;
-        let bottom = open(first) * (1.0 - f.x) + open(first + 1) * f.x;
-        top * (1.0 - f.y) + bottom * f.y
-    }
+/// Numbers limited to 0 to `last`.
+#[inline(always)]
+fn within<S: Simd>(simd: S, x: S::f32s, last: f32) -> S::f32s {
+    let x = simd.max_f32s(x, simd.splat_f32s(0.0));
+    simd.min_f32s(x, simd.splat_f32s(last))
+}
+
+/// The whole numbers below positive ones.
+#[inline(always)]
+fn below<S: Simd>(simd: S, x: S::f32s) -> S::f32s {
+    simd.max_f32s(whole(simd, x), simd.splat_f32s(0.0))
+}
+
+/// Linear interpolation.
+#[inline(always)]
+fn between<S: Simd>(simd: S, a: S::f32s, b: S::f32s, f: S::f32s) -> S::f32s {
+    let a = simd.mul_f32s(a, simd.sub_f32s(simd.splat_f32s(1.0), f));
+    simd.add_f32s(a, simd.mul_f32s(b, f))
 }
 
 /// The next integer below; the library's function is slow without SSE 4.1.

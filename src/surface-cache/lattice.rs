@@ -1,6 +1,7 @@
 //! Visibility on the texels of a page, interpolated where that makes no difference.
 
-use crate::layout::BORDERED;
+use crate::lanes::MOST;
+use crate::layout::{BORDERED, TEXELS};
 use crate::texels::PageTexels;
 use crate::visibility::{FREE, How, LitMap, Look, Offset};
 use pulp::Simd;
@@ -17,25 +18,68 @@ const AROUND: [f32; 2] = [4.0, 6.5];
 
 /// Visibility at some texels of a page.
 pub struct Lattice<'a, S> {
-    pub simd: S,
-    pub lit: &'a LitMap<'a>,
-    pub page: &'a PageTexels,
+    simd: S,
+    lit: &'a LitMap<'a>,
+    page: &'a PageTexels,
     /// Distance of the nearest caster that matters on the page, metres.
-    pub nearest: f32,
+    nearest: f32,
     /// Length of a texel, metres.
-    pub length: f32,
-    pub offset: Offset,
+    length: f32,
+    offset: Offset,
     /// What is known at the corners of the patches.
-    pub looks: [[Option<Look>; 5]; 5],
+    looks: [[Look; 5]; 5],
+    /// Texels that must be looked at one by one.
+    pending: [u16; TEXELS],
+    pending_count: usize,
 }
 
-impl<S: Simd> Lattice<'_, S> {
+/// Large patches, by their first corner.
+const LARGE: [[usize; 2]; 4] = [[0, 0], [2, 0], [0, 2], [2, 2]];
+
+impl<'a, S: Simd> Lattice<'a, S> {
+    /// Nothing is known yet. `nearest`: distance of the nearest caster that matters; `length`: that
+    /// of a texel, metres.
+    #[inline(always)]
+    pub const fn new(
+        simd: S,
+        lit: &'a LitMap<'a>,
+        page: &'a PageTexels,
+        (nearest, length): (f32, f32),
+        offset: Offset,
+    ) -> Self {
+        Self {
+            simd,
+            lit,
+            page,
+            nearest,
+            length,
+            offset,
+            looks: [[Look::UNKNOWN; 5]; 5],
+            pending: [0; TEXELS],
+            pending_count: 0,
+        }
+    }
+
     /// Finds the visible share of the light, in 255ths, on all texels of the page.
     #[inline(always)]
     pub fn fill(&mut self, seen: &mut [u8]) {
-        for (y, x) in [(0, 0), (0, 2), (2, 0), (2, 2)] {
-            let large = self.patch([x, y], 1);
-            if large.width() >= SMOOTH[1] * self.length && !large.is_free() {
+        self.corners(|x, y| x % 2 == 0 && y % 2 == 0, 1);
+        let large = LARGE.map(|first| self.patch(first, 1));
+        let smooth = SMOOTH[1] * self.length;
+        let is_whole = large.each_ref().map(|l| l.width() >= smooth && !l.is_free());
+        let is_inside = |x: usize, [x0, y0]: [usize; 2], y: usize| {
+            (x0..=x0 + 2).contains(&x) && (y0..=y0 + 2).contains(&y)
+        };
+        self.corners(
+            |x, y| {
+                let divided = LARGE.iter().zip(is_whole).filter(|(_, whole)| !whole);
+                let mut divided = divided.map(|(first, _)| is_inside(x, *first, y));
+                (x % 2 == 1 || y % 2 == 1) && divided.any(|inside| inside)
+            },
+            0,
+        );
+        for (([x, y], large), is_whole) in LARGE.iter().zip(&large).zip(is_whole) {
+            if is_whole {
                 large.interpolate(seen);
                 continue;
             }
@@ -44,45 +88,59 @@ impl<S: Simd> Lattice<'_, S> {
                 self.fill_small(&small, seen);
             }
         }
+        self.look_at_pending(seen);
+    }
+
+    /// Looks at the corners that are wanted for patches of a scale.
+    #[inline(always)]
+    fn corners(&mut self, is_wanted: impl Fn(usize, usize) -> bool, scale: usize) {
+        let (mut texels, mut corners, mut count) = ([0; 25], [(0, 0); 25], 0);
+        for (x, y) in (0..25).map(|i| (i % 5, i / 5)) {
+            let k = LATTICE[y] * BORDERED + LATTICE[x];
+            if is_wanted(x, y) && self.lit.is_facing(self.page, k) {
+                texels[count] = k as u16;
+                corners[count] = (x, y);
+                count += 1;
+            }
+        }
+        let how = self.how(AROUND[scale], true);
+        let mut looks = [Look::UNKNOWN; MOST];
+        let groups = texels[..count].chunks(S::F32_LANES);
+        for (group, corners) in groups.zip(corners.chunks(S::F32_LANES)) {
+            self.lit.at(self.simd, self.page, group, &how, &mut looks);
+            for ((x, y), look) in corners.iter().zip(looks).take(group.len()) {
+                self.looks[*y][*x] = look;
+            }
+        }
+    }
+
+    #[inline(always)]
+    const fn how(&self, texels: f32, many: bool) -> How {
+        How {
+            nearest: self.nearest,
+            reach: texels * self.length,
+            many,
+            offset: self.offset,
+        }
     }
 
     /// The patch from corner `[x, y]` on: a small one at scale 0, a large one at scale 1.
     #[inline(always)]
-    fn patch(&mut self, [x, y]: [usize; 2], scale: usize) -> Patch {
+    const fn patch(&self, [x, y]: [usize; 2], scale: usize) -> Patch {
         let step = 1 << scale;
-        let reach = AROUND[scale] * self.length;
-        let mut corners = [[Look::UNKNOWN; 2]; 2];
-        for (cy, row) in corners.iter_mut().enumerate() {
-            for (cx, corner) in row.iter_mut().enumerate() {
-                *corner = self.corner(x + step * cx, y + step * cy, reach);
-            }
-        }
         Patch {
             low: [LATTICE[x], LATTICE[y]],
             high: [LATTICE[x + step], LATTICE[y + step]],
-            corners,
+            corners: [
+                [self.looks[y][x], self.looks[y][x + step]],
+                [self.looks[y + step][x], self.looks[y + step][x + step]],
+            ],
         }
     }
 
+    /// Fills a small patch, or notes its texels where interpolation would make a difference.
     #[inline(always)]
-    fn corner(&mut self, x: usize, y: usize, reach: f32) -> Look {
-        if let Some(known) = self.looks[y][x] {
-            return known;
-        }
-        let how = How {
-            nearest: self.nearest,
-            reach,
-            disc: &self.lit.disc.many,
-        };
-        let k = LATTICE[y] * BORDERED + LATTICE[x];
-        let look = self.lit.at(self.simd, self.page, k, &how, self.offset);
-        self.looks[y][x] = Some(look);
-        look
-    }
-
-    /// Fills a small patch, texel by texel where that makes a difference.
-    #[inline(always)]
-    fn fill_small(&self, patch: &Patch, seen: &mut [u8]) {
+    fn fill_small(&mut self, patch: &Patch, seen: &mut [u8]) {
         let width = patch.width();
         let is_interpolated = if patch.is_free() && width == FREE {
             // Something slender may stand between the samples.
@@ -92,38 +150,55 @@ impl<S: Simd> Lattice<'_, S> {
         };
         if is_interpolated {
             patch.interpolate(seen);
-        } else {
-            self.look(patch, seen);
+            return;
         }
+        let ([x0, y0], [x1, y1]) = (patch.low, patch.end());
+        for y in y0..y1 {
+            let row = y * BORDERED + x0..y * BORDERED + x1;
+            seen[row.clone()].fill(255);
+            self.pending_count = self.append(row, self.pending_count);
+        }
+    }
+
+    /// Appends those of some texels that face the light to the pending ones; returns their number.
+    #[inline(always)]
+    fn append(&mut self, texels: std::ops::Range<usize>, mut count: usize) -> usize {
+        for k in texels {
+            if let Some(next) = self.pending.get_mut(count) {
+                *next = k as u16;
+            }
+            count += usize::from(self.lit.is_facing(self.page, k));
+        }
+        count
     }
 
     /// Whether the light's centre is hidden from any texel of a patch.
     #[inline(always)]
-    fn is_blocked(&self, patch: &Patch) -> bool {
+    fn is_blocked(&mut self, patch: &Patch) -> bool {
         let ([x0, y0], [x1, y1]) = (patch.low, patch.high);
+        let mut count = 0;
+        let mut texels = [0; 36];
         for y in y0..=y1 {
             for k in y * BORDERED + x0..=y * BORDERED + x1 {
-                if self.lit.is_blocked(self.page, k, self.offset) {
-                    return true;
+                if let Some(next) = texels.get_mut(count) {
+                    *next = k as u16;
                 }
+                count += usize::from(self.lit.is_facing(self.page, k));
             }
         }
-        false
+        let texels = &texels[..count];
+        self.lit.is_blocked(self.simd, self.page, texels, self.offset)
     }
 
-    /// Looks at each texel of a patch.
+    /// Looks at the texels that were noted.
     #[inline(always)]
-    fn look(&self, patch: &Patch, seen: &mut [u8]) {
-        let ([x0, y0], [x1, y1]) = (patch.low, patch.end());
-        for y in y0..y1 {
-            for k in y * BORDERED + x0..y * BORDERED + x1 {
-                let how = How {
-                    nearest: self.nearest,
-                    reach: self.length,
-                    disc: self.lit.disc.rotated(k),
-                };
-                let look = self.lit.at(self.simd, self.page, k, &how, self.offset);
-                seen[k] = in_255ths(look.share);
+    fn look_at_pending(&self, seen: &mut [u8]) {
+        let how = self.how(1.0, false);
+        let mut looks = [Look::UNKNOWN; MOST];
+        for group in self.pending[..self.pending_count].chunks(S::F32_LANES) {
+            self.lit.at(self.simd, self.page, group, &how, &mut looks);
+            for (k, look) in group.iter().zip(looks) {
+                seen[usize::from(*k)] = in_255ths(look.share);
             }
         }
     }

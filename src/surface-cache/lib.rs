@@ -8,6 +8,7 @@ mod charts;
 mod depth_map;
 mod disc;
 mod indirect;
+mod lanes;
 mod lattice;
 mod layout;
 mod ranges;

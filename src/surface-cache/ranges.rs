@@ -1,7 +1,9 @@
 //! Nearest and farthest depth in any square of a map, by four look-ups.
 
 use crate::depth_map::{FAR, floor};
+use crate::lanes::{MOST, lanes, load};
 use glam::Vec2;
+use pulp::Simd;
 
 /// Texels along a side of a block, the finest square for which a range is kept.
 const BLOCK: usize = 4;
@@ -87,6 +89,28 @@ impl Ranges {
             }
         }
         range
+    }
+}
+
+impl Ranges {
+    /// The nearest and the farthest distances in rectangles, one a lane.
+    #[inline(always)]
+    pub fn each<S: Simd>(
+        &self,
+        simd: S,
+        low: [S::f32s; 2],
+        high: [S::f32s; 2],
+    ) -> (S::f32s, S::f32s) {
+        let (mut nearest, mut farthest) = ([0.0; MOST], [0.0; MOST]);
+        let (x0, y0) = (lanes(simd, &low[0]), lanes(simd, &low[1]));
+        let (x1, y1) = (lanes(simd, &high[0]), lanes(simd, &high[1]));
+        for lane in 0..S::F32_LANES {
+            let (low, high) = (Vec2::new(x0[lane], y0[lane]), Vec2::new(x1[lane], y1[lane]));
+            let range = self.of(low, high);
+            nearest[lane] = range.nearest;
+            farthest[lane] = range.farthest;
+        }
+        (load(simd, &nearest), load(simd, &farthest))
     }
 }
 

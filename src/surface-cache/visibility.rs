@@ -2,12 +2,13 @@
 //! soft shadows (Fernando 2005) over a depth map.
 
 use crate::depth_map::{DepthMap, View};
-use crate::disc::{Disc, Eight, LANES};
+use crate::disc::Disc;
+use crate::lanes::{MOST, any, dot, each, lanes, load};
 use crate::lattice::Lattice;
 use crate::layout::Bounds;
 use crate::receivers::Extent;
 use crate::texels::PageTexels;
-use glam::{Vec2, Vec3};
+use glam::Vec3;
 use pulp::Simd;
 
 /// A light with the map of its casters.
@@ -47,14 +48,20 @@ pub enum Reach {
 
 /// Width of the penumbra where no blocker was found, metres: larger than any.
 pub const FREE: f32 = 1e9;
+/// Width of a penumbra, in texels of the map, below which samples are interpolated: between more
+/// widely spread ones, that makes no difference.
+const NARROW: f32 = 2.0;
 
-/// How a texel is looked at.
-pub struct How<'a> {
+/// How texels are looked at.
+#[derive(Clone, Copy)]
+pub struct How {
     /// Distance of the nearest caster that matters anywhere on the page, metres.
     pub nearest: f32,
-    /// Distance about the texel for which certainty is wanted, metres.
+    /// Distance about a texel for which certainty is wanted, metres.
     pub reach: f32,
-    pub disc: &'a [Eight],
+    /// Whether texels use the larger disc, which is not turned.
+    pub many: bool,
+    pub offset: Offset,
 }
 
 /// The visibility at a texel.
@@ -93,16 +100,7 @@ impl LitMap<'_> {
         let Some(nearest) = self.nearest_blocker(&extent.bounds, offset) else {
             return Reach::Open;
         };
-        let mut lattice = Lattice {
-            simd,
-            lit: self,
-            page,
-            nearest,
-            length,
-            offset,
-            looks: [[None; 5]; 5],
-        };
-        lattice.fill(seen);
+        Lattice::new(simd, self, page, (nearest, length), offset).fill(seen);
         if seen.iter().all(|seen| *seen == 255) {
             Reach::Open
         } else {
@@ -110,27 +108,10 @@ impl LitMap<'_> {
         }
     }
 
-    /// Whether the light's centre is hidden from a texel.
+    /// Whether a texel is used and faces the light.
     #[inline(always)]
-    pub fn is_blocked(&self, page: &PageTexels, k: usize, offset: Offset) -> bool {
-        let n = page.normals[k];
-        let cosine = n.dot(self.to_light);
-        if !page.is_used[k] || cosine <= 0.0 {
-            return false;
-        }
-        let point = self.receiver(page.positions[k], n, cosine, offset);
-        self.map.nearest(point.at) < point.depth
-    }
-
-    #[inline(always)]
-    pub fn at<S: Simd>(&self, simd: S, page: &PageTexels, k: usize, how: &How<'_>, offset: Offset) -> Look {
-        let n = page.normals[k];
-        let cosine = n.dot(self.to_light);
-        if !page.is_used[k] || cosine <= 0.0 {
-            return Look::UNKNOWN;
-        }
-        let point = self.receiver(page.positions[k], n, cosine, offset);
-        self.share(simd, &point, how)
+    pub fn is_facing(&self, page: &PageTexels, k: usize) -> bool {
+        page.is_used[k] & (page.normals[k].dot(self.to_light) > 0.0)
     }
 
     /// Distance of the nearest caster that may stand between the light and a box, metres.
@@ -147,132 +128,277 @@ impl LitMap<'_> {
         (nearest < farthest).then_some(nearest)
     }
 
+    /// Whether the light's centre is hidden from any of some texels that face it.
     #[inline(always)]
-    fn receiver(&self, p: Vec3, n: Vec3, cosine: f32, offset: Offset) -> Receiving {
-        let texel = self.view.texel();
-        let slope = self.view.slope(n);
-        let lift = match offset {
-            Offset::Lift => texel * (0.5 + 1.5 * (1.0 - cosine * cosine).max(0.0).sqrt()),
-            Offset::None | Offset::Shift => 0.0,
+    pub fn is_blocked<S: Simd>(
+        &self,
+        simd: S,
+        page: &PageTexels,
+        texels: &[u16],
+        offset: Offset,
+    ) -> bool {
+        for group in texels.chunks(S::F32_LANES) {
+            let points = self.receive(simd, page, group, offset);
+            let nearest = self.map.nearest(simd, points.at);
+            if any(simd, simd.less_than_f32s(nearest, points.depth)) {
+                return true;
+            }
+        }
+        false
+    }
+
+    /// The visibility at some texels that face the light, one for each lane or fewer.
+    #[inline(always)]
+    pub fn at<S: Simd>(
+        &self,
+        simd: S,
+        page: &PageTexels,
+        group: &[u16],
+        how: &How,
+        to: &mut [Look],
+    ) {
+        let points = self.receive(simd, page, group, how.offset);
+        let turn = if how.many {
+            None
+        } else {
+            let cos = each(simd, |lane| self.disc.turn(texel(group, lane)).x);
+            let sin = each(simd, |lane| self.disc.turn(texel(group, lane)).y);
+            Some([cos, sin])
         };
-        let (at, depth) = self.view.project(p + n * lift);
-        let shift = match offset {
-            Offset::Shift => slope.x.abs() + slope.y.abs() + 0.5 * texel,
-            Offset::None | Offset::Lift => 0.05 * texel,
+        let (share, width) = self.share(simd, &points, how, turn);
+        let (share, width) = (lanes(simd, &share), lanes(simd, &width));
+        for (lane, to) in to.iter_mut().take(group.len()).enumerate() {
+            *to = Look {
+                share: share[lane],
+                width: width[lane],
+            };
+        }
+    }
+
+    #[inline(always)]
+    fn receive<S: Simd>(
+        &self,
+        simd: S,
+        page: &PageTexels,
+        group: &[u16],
+        offset: Offset,
+    ) -> Receiving<S> {
+        let p = vectors(simd, &page.positions, group);
+        let n = vectors(simd, &page.normals, group);
+        let unit = self.view.texel();
+        let slope = self.view.slopes(simd, n);
+        let p = if offset == Offset::Lift {
+            let cosine = dot(simd, n, self.to_light);
+            let one = simd.splat_f32s(1.0);
+            let rest = simd.sub_f32s(one, simd.mul_f32s(cosine, cosine));
+            let sine = simd.sqrt_f32s(simd.max_f32s(rest, simd.splat_f32s(0.0)));
+            let lift = simd.mul_f32s(sine, simd.splat_f32s(1.5 * unit));
+            let lift = simd.add_f32s(lift, simd.splat_f32s(0.5 * unit));
+            [
+                simd.add_f32s(p[0], simd.mul_f32s(n[0], lift)),
+                simd.add_f32s(p[1], simd.mul_f32s(n[1], lift)),
+                simd.add_f32s(p[2], simd.mul_f32s(n[2], lift)),
+            ]
+        } else {
+            p
+        };
+        let (at, depth) = self.view.project_each(simd, p);
+        let shift = if offset == Offset::Shift {
+            simd.add_f32s(steepness(simd, slope), simd.splat_f32s(0.5 * unit))
+        } else {
+            simd.splat_f32s(0.05 * unit)
         };
         Receiving {
             at,
-            depth: depth - shift,
+            depth: simd.sub_f32s(depth, shift),
             slope,
         }
     }
 
+    /// The visible shares, and the widths of the penumbrae, metres.
     #[inline(always)]
-    fn share<S: Simd>(&self, simd: S, p: &Receiving, how: &How<'_>) -> Look {
-        let (nearest, disc) = (how.nearest, how.disc);
-        let around = how.reach / self.view.texel();
+    fn share<S: Simd>(
+        &self,
+        simd: S,
+        p: &Receiving<S>,
+        how: &How,
+        turn: Option<[S::f32s; 2]>,
+    ) -> (S::f32s, S::f32s) {
+        let (zero, one) = (simd.splat_f32s(0.0), simd.splat_f32s(1.0));
+        let infinite = simd.splat_f32s(f32::INFINITY);
+        let around = simd.splat_f32s(how.reach / self.view.texel());
         // Casters at a height h above the point block it if they lie within h times the spread.
-        let per_metre = self.spread / self.view.texel();
-        let first = (per_metre * (p.depth - nearest)).max(1.0);
-        let wide = first + around;
-        let range = self.map.ranges().of(p.at - wide - 0.5, p.at + wide + 0.5);
-        let certain = |share| Look {
-            share,
-            width: f32::INFINITY,
-        };
-        if range.nearest >= p.depth + p.rise(wide) {
-            return certain(1.0);
+        let per_metre = simd.splat_f32s(self.spread / self.view.texel());
+        let first = simd.sub_f32s(p.depth, simd.splat_f32s(how.nearest));
+        let first = simd.max_f32s(simd.mul_f32s(per_metre, first), one);
+        let wide = simd.add_f32s(first, around);
+        let (nearest, farthest) = self.ranges(simd, p, wide);
+        let rise = simd.mul_f32s(steepness(simd, p.slope), wide);
+        let is_open = simd.greater_than_or_equal_f32s(nearest, simd.add_f32s(p.depth, rise));
+        let is_shut = simd.less_than_f32s(farthest, simd.sub_f32s(p.depth, rise));
+        let is_certain = simd.or_m32s(is_open, is_shut);
+        let certain = simd.select_f32s(is_open, one, zero);
+        if !any(simd, simd.not_m32s(is_certain)) {
+            return (certain, infinite);
         }
-        if range.farthest < p.depth - p.rise(wide) {
-            return certain(0.0);
+        let disc: &[_] = if how.many { &self.disc.many } else { &self.disc.few };
+        let disc = Turned { simd, disc, turn };
+        let above = simd.mul_f32s(per_metre, simd.sub_f32s(p.depth, nearest));
+        let radius = simd.min_f32s(simd.max_f32s(above, one), first);
+        let (blockers, sum) = self.blockers(p, radius, &disc);
+        let is_blocked = simd.greater_than_f32s(blockers, zero);
+        let mean = simd.div_f32s(sum, simd.max_f32s(blockers, one));
+        let texels = simd.max_f32s(simd.mul_f32s(per_metre, mean), simd.splat_f32s(0.7));
+        let (mut share, mut width) = (one, zero);
+        if any(simd, is_blocked) {
+            let narrow = simd.less_than_f32s(texels, simd.splat_f32s(NARROW));
+            let narrow = simd.and_m32s(simd.and_m32s(narrow, is_blocked), simd.not_m32s(is_certain));
+            share = self.filtered(p, texels, narrow, &disc);
+            width = simd.mul_f32s(texels, simd.splat_f32s(self.view.texel()));
         }
-        let radius = (per_metre * (p.depth - range.nearest)).clamp(1.0, first);
-        let (blockers, sum) = self.blockers(simd, p, radius, disc);
-        if blockers == 0.0 {
-            let share = self.map.seen(p.at, p.depth);
-            return Look {
-                share,
-                width: if share == 1.0 { FREE } else { 0.0 },
-            };
+        let is_free = simd.and_m32s(simd.not_m32s(is_blocked), simd.not_m32s(is_certain));
+        if any(simd, is_free) {
+            let alone = self.map.seen(simd, p.at, p.depth);
+            let free = simd.select_f32s(simd.equal_f32s(alone, one), simd.splat_f32s(FREE), zero);
+            share = simd.select_f32s(is_blocked, share, alone);
+            width = simd.select_f32s(is_blocked, width, free);
         }
-        let width = (per_metre * (sum / blockers)).max(0.7);
-        Look {
-            share: self.filtered(simd, p, width, disc),
-            width: width * self.view.texel(),
-        }
+        (
+            simd.select_f32s(is_certain, certain, share),
+            simd.select_f32s(is_certain, infinite, width),
+        )
     }
 
-    /// Number of blockers on a disc of `radius` texels, and the sum of their heights above the
+    /// The nearest and the farthest depths within `wide` texels.
+    #[inline(always)]
+    fn ranges<S: Simd>(&self, simd: S, p: &Receiving<S>, wide: S::f32s) -> (S::f32s, S::f32s) {
+        let wide = simd.add_f32s(wide, simd.splat_f32s(0.5));
+        let [x, y] = p.at;
+        let low = [simd.sub_f32s(x, wide), simd.sub_f32s(y, wide)];
+        let high = [simd.add_f32s(x, wide), simd.add_f32s(y, wide)];
+        self.map.ranges().each(simd, low, high)
+    }
+
+    /// Numbers of blockers on discs of `radius` texels, and the sums of their heights above the
     /// surface, metres.
     #[inline(always)]
-    fn blockers<S: Simd>(&self, simd: S, p: &Receiving, radius: f32, disc: &[Eight]) -> (f32, f32) {
+    fn blockers<S: Simd>(
+        &self,
+        p: &Receiving<S>,
+        radius: S::f32s,
+        disc: &Turned<'_, S>,
+    ) -> (S::f32s, S::f32s) {
+        let simd = disc.simd;
         let (zero, one) = (simd.splat_f32s(0.0), simd.splat_f32s(1.0));
         let (mut count, mut sum) = (zero, zero);
-        for points in disc {
-            let depths = self.map.nearest_of_eight(simd, p.at, points, radius);
-            for (i, depth) in S::as_simd_f32s(&depths).0.iter().enumerate() {
-                let height = simd.sub_f32s(p.depths(simd, points, i, radius), *depth);
-                let is_blocked = simd.greater_than_f32s(height, zero);
-                count = simd.add_f32s(count, simd.select_f32s(is_blocked, one, zero));
-                sum = simd.add_f32s(sum, simd.max_f32s(height, zero));
-            }
+        for k in 0..disc.disc.len() {
+            let (at, depth) = p.beside(simd, disc.point(k, radius));
+            let height = simd.sub_f32s(depth, self.map.nearest(simd, at));
+            let is_blocked = simd.greater_than_f32s(height, zero);
+            count = simd.add_f32s(count, simd.select_f32s(is_blocked, one, zero));
+            sum = simd.add_f32s(sum, simd.max_f32s(height, zero));
         }
-        (simd.reduce_sum_f32s(count), simd.reduce_sum_f32s(sum))
+        (count, sum)
     }
 
-    /// The mean over a disc of `width` texels.
+    /// The means over discs of `width` texels, interpolated where they are `narrow`.
     #[inline(always)]
-    fn filtered<S: Simd>(&self, simd: S, p: &Receiving, width: f32, disc: &[Eight]) -> f32 {
-        let count = (LANES * disc.len()) as f32;
-        if width < 2.0 {
-            let mut seen = 0.0;
-            for points in disc {
-                for (x, y) in points.x.iter().zip(&points.y) {
-                    let o = Vec2::new(*x, *y) * width;
-                    seen += self.map.seen(p.at + o, p.depth + p.slope.dot(o));
-                }
-            }
-            return seen / count;
-        }
-        // Between so widely spread samples, interpolation makes no difference.
+    fn filtered<S: Simd>(
+        &self,
+        p: &Receiving<S>,
+        width: S::f32s,
+        narrow: S::m32s,
+        disc: &Turned<'_, S>,
+    ) -> S::f32s {
+        let simd = disc.simd;
         let (zero, one) = (simd.splat_f32s(0.0), simd.splat_f32s(1.0));
+        let any_narrow = any(simd, narrow);
         let mut seen = zero;
-        for points in disc {
-            let depths = self.map.nearest_of_eight(simd, p.at, points, width);
-            for (i, depth) in S::as_simd_f32s(&depths).0.iter().enumerate() {
-                let surface = p.depths(simd, points, i, width);
-                let is_open = simd.greater_than_or_equal_f32s(*depth, surface);
-                seen = simd.add_f32s(seen, simd.select_f32s(is_open, one, zero));
+        for k in 0..disc.disc.len() {
+            let (at, depth) = p.beside(simd, disc.point(k, width));
+            let nearest = self.map.nearest(simd, at);
+            let is_open = simd.greater_than_or_equal_f32s(nearest, depth);
+            let mut share = simd.select_f32s(is_open, one, zero);
+            if any_narrow {
+                share = simd.select_f32s(narrow, self.map.seen(simd, at, depth), share);
             }
+            seen = simd.add_f32s(seen, share);
         }
-        simd.reduce_sum_f32s(seen) / count
+        simd.mul_f32s(seen, simd.splat_f32s(1.0 / disc.disc.len() as f32))
     }
 }
 
-/// A point of a surface on a map.
-struct Receiving {
+/// The texel of a lane; lanes without one repeat the first.
+#[inline(always)]
+fn texel(group: &[u16], lane: usize) -> usize {
+    usize::from(group[if lane < group.len() { lane } else { 0 }])
+}
+
+/// The vectors at some texels.
+#[inline(always)]
+fn vectors<S: Simd>(simd: S, from: &[Vec3], group: &[u16]) -> [S::f32s; 3] {
+    let mut all = [[0.0; MOST]; 3];
+    for lane in 0..S::F32_LANES {
+        let v = from[texel(group, lane)];
+        all[0][lane] = v.x;
+        all[1][lane] = v.y;
+        all[2][lane] = v.z;
+    }
+    [
+        load(simd, &all[0]),
+        load(simd, &all[1]),
+        load(simd, &all[2]),
+    ]
+}
+
+/// The largest change of distance per texel in any direction along the axes.
+#[inline(always)]
+fn steepness<S: Simd>(simd: S, [x, y]: [S::f32s; 2]) -> S::f32s {
+    simd.add_f32s(simd.abs_f32s(x), simd.abs_f32s(y))
+}
+
+/// A disc, turned in each lane.
+struct Turned<'a, S: Simd> {
+    simd: S,
+    disc: &'a [glam::Vec2],
+    /// Cosines and sines.
+    turn: Option<[S::f32s; 2]>,
+}
+
+impl<S: Simd> Turned<'_, S> {
+    /// Point `k`, `radius` times as far from the centre.
+    #[inline(always)]
+    fn point(&self, k: usize, radius: S::f32s) -> [S::f32s; 2] {
+        let simd = self.simd;
+        let (x, y) = (simd.splat_f32s(self.disc[k].x), simd.splat_f32s(self.disc[k].y));
+        let [x, y] = if let Some([cos, sin]) = self.turn {
+            [
+                simd.sub_f32s(simd.mul_f32s(cos, x), simd.mul_f32s(sin, y)),
+                simd.add_f32s(simd.mul_f32s(sin, x), simd.mul_f32s(cos, y)),
+            ]
+        } else {
+            [x, y]
+        };
+        [simd.mul_f32s(x, radius), simd.mul_f32s(y, radius)]
+    }
+}
+
+/// Points of a surface on a map.
+struct Receiving<S: Simd> {
     /// Texel coordinates.
-    at: Vec2,
+    at: [S::f32s; 2],
     /// Distance from the light, offset, metres.
-    depth: f32,
+    depth: S::f32s,
     /// Change of distance per texel on its surface.
-    slope: Vec2,
+    slope: [S::f32s; 2],
 }
 
-impl Receiving {
-    /// Change of distance on the surface within `radius` texels.
+impl<S: Simd> Receiving<S> {
+    /// The points beside these on the surface, by offsets in texels, and their distances.
     #[inline(always)]
-    fn rise(&self, radius: f32) -> f32 {
-        (self.slope.x.abs() + self.slope.y.abs()) * radius
-    }
-
-    /// Distances of the surface at the `i`th register of eight points, `radius` times as far.
-    #[inline(always)]
-    fn depths<S: Simd>(&self, simd: S, points: &Eight, i: usize, radius: f32) -> S::f32s {
-        let (x, y) = (S::as_simd_f32s(&points.x).0[i], S::as_simd_f32s(&points.y).0[i]);
-        let slope = self.slope * radius;
-        let x = simd.mul_f32s(x, simd.splat_f32s(slope.x));
-        let y = simd.mul_f32s(y, simd.splat_f32s(slope.y));
-        simd.add_f32s(simd.add_f32s(x, y), simd.splat_f32s(self.depth))
+    fn beside(&self, simd: S, [x, y]: [S::f32s; 2]) -> ([S::f32s; 2], S::f32s) {
+        let rise = simd.add_f32s(simd.mul_f32s(self.slope[0], x), simd.mul_f32s(self.slope[1], y));
+        let at = [simd.add_f32s(self.at[0], x), simd.add_f32s(self.at[1], y)];
+        (at, simd.add_f32s(self.depth, rise))
     }
 }
