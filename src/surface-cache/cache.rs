@@ -131,7 +131,7 @@ impl SurfaceCache {
     #[must_use]
     pub fn new(scene: &Scene, casters: &[Part], options: &CacheOptions) -> Self {
         let (parts, normals) = receivers(scene);
-        let casters = Casters::new(scene, casters);
+        let casters = Casters::new(scene, casters, options.map_size);
         let receivers: Vec<&Receiver> = parts.iter().map(|p| &p.receiver).collect();
         let layout = Layout::fitted(&receivers, casters.virtual_bounds(), options.pages);
         let place = |page: &Page| {

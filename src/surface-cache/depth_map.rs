@@ -128,20 +128,26 @@ impl DepthMap {
         self.texels.fill(FAR);
     }
 
-    /// Draws triangles given by their corners' texel coordinates and distances.
-    pub fn draw(&mut self, corners: &[(Vec2, f32)], indices: &[u32]) {
+    /// Draws triangles given by their corners' texel coordinates and distances; of those of a
+    /// `closed` surface only the ones that face the light, which hide the others.
+    pub fn draw(&mut self, corners: &[(Vec2, f32)], indices: &[u32], closed: bool) {
         for t in indices.chunks_exact(3) {
-            self.triangle([t[0], t[1], t[2]].map(|i| corners[i as usize]));
+            self.triangle([t[0], t[1], t[2]].map(|i| corners[i as usize]), closed);
         }
     }
 
-    fn triangle(&mut self, [(a, za), (b, zb), (c, zc)]: [(Vec2, f32); 3]) {
+    #[inline(always)]
+    fn triangle(&mut self, [(a, za), (b, zb), (c, zc)]: [(Vec2, f32); 3], closed: bool) {
         let area = (b - a).perp_dot(c - a);
+        if closed && area <= 0.0 {
+            return;
+        }
         let last = (self.size - 1) as f32;
         let (low, high) = (a.min(b).min(c), a.max(b).max(c));
         let first_row = ceil(low.y - 0.5).max(0);
         let last_row = floor(high.y.min(last + 0.5) - 0.5);
-        if area == 0.0 || last_row < first_row || high.x < 0.5 || low.x > last + 0.5 {
+        let holds_no_column = floor(high.x - 0.5) < ceil(low.x - 0.5);
+        if area == 0.0 || last_row < first_row || holds_no_column {
             return;
         }
         // The distance is linear over the map; edges are intersected row by row.
@@ -290,7 +296,7 @@ mod tests {
             p(9.8, 8.6, 2.0),
             p(2.2, 8.6, 2.0),
         ];
-        map.draw(&corners, &[0, 1, 2, 0, 2, 3]);
+        map.draw(&corners, &[0, 1, 2, 0, 2, 3], false);
         map.finish();
         for y in 0..16 {
             for x in 0..16 {
