@@ -118,6 +118,8 @@ pub struct SurfaceCache {
     sums: Vec<PageSums>,
     /// Generations of the light and of the indirect light in the sums.
     summed: Option<(u64, u64)>,
+    /// Of the light with this generation.
+    unshadowed: Option<(u64, Unshadowed)>,
     /// Pages that the last update has changed, as a list and by number.
     changed: Vec<u32>,
     is_changed: Vec<bool>,
@@ -161,6 +163,7 @@ impl SurfaceCache {
             discs: SAMPLES.map(Disc::new),
             has_ground: scene.ground_height.is_some(),
             summed: None,
+            unshadowed: None,
             changed: Vec::with_capacity(pages),
             is_changed: vec![false; pages],
             maps: (0..threads::processors())
@@ -276,14 +279,17 @@ impl SurfaceCache {
         if self.changed.is_empty() {
             return;
         }
-        let unshadowed = Unshadowed::new(light, self.has_ground);
+        let known = self.unshadowed.take();
+        let known = known.filter(|(generation, _)| *generation == light.generation);
+        let new = || (light.generation, Unshadowed::new(light, self.has_ground));
+        let (_, unshadowed) = self.unshadowed.insert(known.unwrap_or_else(new));
         let view = SumsView {
             parts: &self.parts,
             layout: &self.layout,
             texels: &self.texels,
             lights: &self.lights,
             of: light.lights,
-            unshadowed: &unshadowed,
+            unshadowed,
             indirect: light.indirect,
         };
         let mut wanted = self.changed.iter().copied().peekable();
@@ -292,10 +298,7 @@ impl SurfaceCache {
             .filter(|(_, p)| wanted.next_if_eq(p).is_some())
             .collect();
         threads::for_each(pages.chunks_mut(CHUNK).collect(), |chunk| {
-            let mut buffers = Sums::new();
-            for (sums, p) in chunk {
-                view.sum(&mut buffers, *p as usize, sums);
-            }
+            pulp::Arch::new().dispatch(Summing { view: &view, chunk });
         });
     }
 
@@ -333,7 +336,26 @@ struct SumsView<'a> {
     indirect: Option<&'a IndirectLight>,
 }
 
+/// Summing on some pages, with the instructions that the processor has.
+struct Summing<'a, 'b> {
+    view: &'a SumsView<'a>,
+    chunk: &'a mut [(&'b mut PageSums, u32)],
+}
+
+impl pulp::WithSimd for Summing<'_, '_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: pulp::Simd>(self, _: S) {
+        let mut buffers = Sums::new();
+        for (sums, p) in self.chunk {
+            self.view.sum(&mut buffers, *p as usize, sums);
+        }
+    }
+}
+
 impl SumsView<'_> {
+    #[inline(always)]
     fn sum(&self, buffers: &mut Sums, p: usize, sums: &mut PageSums) {
         let page = &self.texels[p];
         let lights = self.lights.iter().zip(self.of);
