@@ -446,7 +446,13 @@ impl PagesView<'_> {
     }
 
     #[inline(always)]
-    fn find<S: pulp::Simd>(&self, simd: S, lit: Option<&LitMap<'_>>, which: usize, pages: SomePages<'_>) {
+    fn find<S: pulp::Simd>(
+        &self,
+        simd: S,
+        lit: Option<&LitMap<'_>>,
+        which: usize,
+        pages: SomePages<'_>,
+    ) {
         let (first, seen, reach, touched) = pages;
         let each = seen.chunks_exact_mut(TEXELS).zip(reach).zip(touched);
         for (p, ((seen, reach), touched)) in (first..).zip(each) {
@@ -460,7 +466,14 @@ impl PagesView<'_> {
     }
 
     #[inline(always)]
-    fn look<S: pulp::Simd>(&self, simd: S, lit: &LitMap<'_>, which: usize, p: usize, seen: &mut [u8]) -> Reach {
+    fn look<S: pulp::Simd>(
+        &self,
+        simd: S,
+        lit: &LitMap<'_>,
+        which: usize,
+        p: usize,
+        seen: &mut [u8],
+    ) -> Reach {
         let offset = match (self.parts[self.layout.pages[p].receiver].layer, which) {
             (Layer::Virtual(_), 0) => Offset::Lift,
             (Layer::Phantom(_), 1) => Offset::Shift,

@@ -214,15 +214,24 @@ impl Set {
 /// The volume that triangles enclose, negative if they are wound inwards; `None` if they are not
 /// closed and evenly wound.
 fn closed_volume(positions: &[Vec3], indices: &[u32]) -> Option<f32> {
-    let key = |i: u32| (positions[i as usize] + Vec3::ZERO).to_array().map(f32::to_bits);
+    let key = |i: u32| {
+        (positions[i as usize] + Vec3::ZERO)
+            .to_array()
+            .map(f32::to_bits)
+    };
     let mut edges: HashMap<_, i32> = HashMap::with_capacity(indices.len());
     let mut volume = 0.0;
     let centre = positions.first()?;
     for t in indices.chunks_exact(3) {
         let [a, b, c] = [t[0], t[1], t[2]].map(|i| positions[i as usize] - centre);
         volume += a.dot(b.cross(c)) / 6.0;
-        for (from, to) in [(t[0], t[1]), (t[1], t[2]), (t[2], t[0])].map(|(a, b)| (key(a), key(b))) {
-            let (edge, turn) = if from < to { ((from, to), 1) } else { ((to, from), -1) };
+        for (from, to) in [(t[0], t[1]), (t[1], t[2]), (t[2], t[0])].map(|(a, b)| (key(a), key(b)))
+        {
+            let (edge, turn) = if from < to {
+                ((from, to), 1)
+            } else {
+                ((to, from), -1)
+            };
             *edges.entry(edge).or_default() += turn * i32::from(from != to);
         }
     }

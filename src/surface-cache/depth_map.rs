@@ -231,13 +231,7 @@ impl DepthMap {
 
     /// The same of two texels each.
     #[inline(always)]
-    fn seen_in_row<S: Simd>(
-        &self,
-        simd: S,
-        index: S::f32s,
-        f: S::f32s,
-        depth: S::f32s,
-    ) -> S::f32s {
+    fn seen_in_row<S: Simd>(&self, simd: S, index: S::f32s, f: S::f32s, depth: S::f32s) -> S::f32s {
         let (zero, one) = (simd.splat_f32s(0.0), simd.splat_f32s(1.0));
         let left = gather(simd, &self.texels, index);
         let right = gather(simd, &self.texels, simd.add_f32s(index, one));
@@ -301,7 +295,7 @@ mod tests {
         for y in 0..16 {
             for x in 0..16 {
                 let centre = Vec2::new(x as f32 + 0.5, y as f32 + 0.5);
-                let z = map.nearest(centre);
+                let z = map.nearest(pulp::Scalar::new(), centre.to_array());
                 let inside = centre.cmpgt(Vec2::new(2.2, 3.2)).all()
                     && centre.cmplt(Vec2::new(9.8, 8.6)).all();
                 if inside {
@@ -341,7 +335,8 @@ mod tests {
             view.project(points[0]),
             view.project(points[0] + along * 0.1),
         );
-        let change = view.slope(n).dot(to.0 - from.0);
+        let slope = view.slopes(pulp::Scalar::new(), n.to_array());
+        let change = Vec2::from_array(slope).dot(to.0 - from.0);
         assert!((change - (to.1 - from.1)).abs() < 1e-4);
     }
 }

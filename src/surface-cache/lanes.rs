@@ -60,7 +60,11 @@ pub fn gather<S: Simd>(simd: S, table: &[f32], at: S::f32s) -> S::f32s {
     let mut found = [0.0; MOST];
     for (to, bits) in found.iter_mut().zip(bits) {
         let index = (bits.to_bits() & 0x7f_ffff) as usize;
-        *to = if index < table.len() { table[index] } else { f32::INFINITY };
+        *to = if index < table.len() {
+            table[index]
+        } else {
+            f32::INFINITY
+        };
     }
     load(simd, &found)
 }

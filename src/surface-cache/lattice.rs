@@ -66,7 +66,9 @@ impl<'a, S: Simd> Lattice<'a, S> {
         self.corners(|x, y| x % 2 == 0 && y % 2 == 0, 1);
         let large = LARGE.map(|first| self.patch(first, 1));
         let smooth = SMOOTH[1] * self.length;
-        let is_whole = large.each_ref().map(|l| l.width() >= smooth && !l.is_free());
+        let is_whole = large
+            .each_ref()
+            .map(|l| l.width() >= smooth && !l.is_free());
         let is_inside = |x: usize, [x0, y0]: [usize; 2], y: usize| {
             (x0..=x0 + 2).contains(&x) && (y0..=y0 + 2).contains(&y)
         };
@@ -176,6 +178,14 @@ impl<'a, S: Simd> Lattice<'a, S> {
     #[inline(always)]
     fn is_blocked(&mut self, patch: &Patch) -> bool {
         let ([x0, y0], [x1, y1]) = (patch.low, patch.high);
+        if self.page.plane.is_some() {
+            let corners = [(x0, y0), (x1, y0), (x0, y1), (x1, y1)];
+            let corners = corners.map(|(x, y)| (y * BORDERED + x) as u16);
+            let (lit, offset) = (self.lit, self.offset);
+            if !lit.may_be_blocked(self.simd, self.page, &corners, offset) {
+                return false;
+            }
+        }
         let mut count = 0;
         let mut texels = [0; 36];
         for y in y0..=y1 {
@@ -187,7 +197,8 @@ impl<'a, S: Simd> Lattice<'a, S> {
             }
         }
         let texels = &texels[..count];
-        self.lit.is_blocked(self.simd, self.page, texels, self.offset)
+        self.lit
+            .is_blocked(self.simd, self.page, texels, self.offset)
     }
 
     /// Looks at the texels that were noted.
@@ -245,6 +256,13 @@ impl Patch {
     fn interpolate(&self, seen: &mut [u8]) {
         let ([x0, y0], [x1, y1], end) = (self.low, self.high, self.end());
         let [top, bottom] = self.corners.map(|row| row.map(|look| look.share));
+        if top == bottom && top[0] == top[1] {
+            let share = in_255ths(top[0]);
+            for y in y0..end[1] {
+                seen[y * BORDERED + x0..y * BORDERED + end[0]].fill(share);
+            }
+            return;
+        }
         for y in y0..end[1] {
             let fy = (y - y0) as f32 / (y1 - y0) as f32;
             let left = top[0] + (bottom[0] - top[0]) * fy;

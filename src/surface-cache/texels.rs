@@ -119,7 +119,11 @@ impl Cone {
         let axis = normals.clone().sum::<Vec3>().normalize_or_zero();
         let cosine = normals.fold(1.0, |least: f32, n| least.min(n.dot(axis)));
         let is_wide = cosine <= 0.0;
-        let sine = if is_wide { 1.0 } else { (1.0 - cosine * cosine).max(0.0).sqrt() };
+        let sine = if is_wide {
+            1.0
+        } else {
+            (1.0 - cosine * cosine).max(0.0).sqrt()
+        };
         Self { axis, sine }
     }
 

@@ -6,9 +6,10 @@ use crate::disc::Disc;
 use crate::lanes::{MOST, any, dot, each, lanes, load};
 use crate::lattice::Lattice;
 use crate::layout::Bounds;
+use crate::ranges::Squares;
 use crate::receivers::Extent;
 use crate::texels::PageTexels;
-use glam::Vec3;
+use glam::{Vec2, Vec3};
 use pulp::Simd;
 
 /// A light with the map of its casters.
@@ -93,13 +94,16 @@ impl LitMap<'_> {
         offset: Offset,
         seen: &mut [u8],
     ) -> Reach {
-        let is_behind = page.plane.is_some_and(|n| n.dot(self.to_light) <= 0.0);
-        if is_behind || extent.normals.is_behind(self.to_light) {
+        // Most pages end here; their texels need not be fetched.
+        if extent.normals.is_behind(self.to_light) {
             return Reach::Open;
         }
         let Some(nearest) = self.nearest_blocker(&extent.bounds, offset) else {
             return Reach::Open;
         };
+        if page.plane.is_some_and(|n| n.dot(self.to_light) <= 0.0) {
+            return Reach::Open;
+        }
         Lattice::new(simd, self, page, (nearest, length), offset).fill(seen);
         if seen.iter().all(|seen| *seen == 255) {
             Reach::Open
@@ -108,10 +112,10 @@ impl LitMap<'_> {
         }
     }
 
-    /// Whether a texel is used and faces the light.
+    /// Whether a texel is used and faces the light, as a page in a plane does.
     #[inline(always)]
     pub fn is_facing(&self, page: &PageTexels, k: usize) -> bool {
-        page.is_used[k] & (page.normals[k].dot(self.to_light) > 0.0)
+        page.is_used[k] && (page.plane.is_some() || page.normals[k].dot(self.to_light) > 0.0)
     }
 
     /// Distance of the nearest caster that may stand between the light and a box, metres.
@@ -126,6 +130,34 @@ impl LitMap<'_> {
         let wide = self.spread * high_in_map / self.view.texel() + 1.5 + lift;
         let nearest = self.map.ranges().of(low - wide, high + wide).nearest;
         (nearest < farthest).then_some(nearest)
+    }
+
+    /// Whether a caster may stand anywhere between the light's centre and the part of a plane page
+    /// between four texels.
+    #[inline(always)]
+    pub fn may_be_blocked<S: Simd>(
+        &self,
+        simd: S,
+        page: &PageTexels,
+        corners: &[u16; 4],
+        offset: Offset,
+    ) -> bool {
+        let (mut low, mut high) = (Vec2::INFINITY, Vec2::NEG_INFINITY);
+        let mut farthest = f32::NEG_INFINITY;
+        for group in corners.chunks(S::F32_LANES) {
+            let points = self.receive(simd, page, group, offset);
+            let [x, y] = &points.at;
+            low = low.min(Vec2::new(
+                simd.reduce_min_f32s(*x),
+                simd.reduce_min_f32s(*y),
+            ));
+            high = high.max(Vec2::new(
+                simd.reduce_max_f32s(*x),
+                simd.reduce_max_f32s(*y),
+            ));
+            farthest = farthest.max(simd.reduce_max_f32s(points.depth));
+        }
+        self.map.ranges().of(low, high).nearest < farthest
     }
 
     /// Whether the light's centre is hidden from any of some texels that face it.
@@ -184,7 +216,15 @@ impl LitMap<'_> {
         offset: Offset,
     ) -> Receiving<S> {
         let p = vectors(simd, &page.positions, group);
-        let n = vectors(simd, &page.normals, group);
+        let n = if let Some(n) = page.plane {
+            [
+                simd.splat_f32s(n.x),
+                simd.splat_f32s(n.y),
+                simd.splat_f32s(n.z),
+            ]
+        } else {
+            vectors(simd, &page.normals, group)
+        };
         let unit = self.view.texel();
         let slope = self.view.slopes(simd, n);
         let p = if offset == Offset::Lift {
@@ -232,16 +272,25 @@ impl LitMap<'_> {
         let first = simd.sub_f32s(p.depth, simd.splat_f32s(how.nearest));
         let first = simd.max_f32s(simd.mul_f32s(per_metre, first), one);
         let wide = simd.add_f32s(first, around);
-        let (nearest, farthest) = self.ranges(simd, p, wide);
+        let squares = self.squares(simd, p, wide);
+        let nearest = self.map.ranges().nearest(simd, &squares);
         let rise = simd.mul_f32s(steepness(simd, p.slope), wide);
         let is_open = simd.greater_than_or_equal_f32s(nearest, simd.add_f32s(p.depth, rise));
-        let is_shut = simd.less_than_f32s(farthest, simd.sub_f32s(p.depth, rise));
-        let is_certain = simd.or_m32s(is_open, is_shut);
+        let mut is_certain = is_open;
+        if how.many {
+            let farthest = self.map.ranges().farthest(simd, &squares);
+            let is_shut = simd.less_than_f32s(farthest, simd.sub_f32s(p.depth, rise));
+            is_certain = simd.or_m32s(is_open, is_shut);
+        }
         let certain = simd.select_f32s(is_open, one, zero);
         if !any(simd, simd.not_m32s(is_certain)) {
             return (certain, infinite);
         }
-        let disc: &[_] = if how.many { &self.disc.many } else { &self.disc.few };
+        let disc: &[_] = if how.many {
+            &self.disc.many
+        } else {
+            &self.disc.few
+        };
         let disc = Turned { simd, disc, turn };
         let above = simd.mul_f32s(per_metre, simd.sub_f32s(p.depth, nearest));
         let radius = simd.min_f32s(simd.max_f32s(above, one), first);
@@ -252,7 +301,8 @@ impl LitMap<'_> {
         let (mut share, mut width) = (one, zero);
         if any(simd, is_blocked) {
             let narrow = simd.less_than_f32s(texels, simd.splat_f32s(NARROW));
-            let narrow = simd.and_m32s(simd.and_m32s(narrow, is_blocked), simd.not_m32s(is_certain));
+            let narrow =
+                simd.and_m32s(simd.and_m32s(narrow, is_blocked), simd.not_m32s(is_certain));
             share = self.filtered(p, texels, narrow, &disc);
             width = simd.mul_f32s(texels, simd.splat_f32s(self.view.texel()));
         }
@@ -269,14 +319,14 @@ impl LitMap<'_> {
         )
     }
 
-    /// The nearest and the farthest depths within `wide` texels.
+    /// The squares that cover the map within `wide` texels.
     #[inline(always)]
-    fn ranges<S: Simd>(&self, simd: S, p: &Receiving<S>, wide: S::f32s) -> (S::f32s, S::f32s) {
+    fn squares<S: Simd>(&self, simd: S, p: &Receiving<S>, wide: S::f32s) -> Squares<S> {
         let wide = simd.add_f32s(wide, simd.splat_f32s(0.5));
         let [x, y] = p.at;
         let low = [simd.sub_f32s(x, wide), simd.sub_f32s(y, wide)];
         let high = [simd.add_f32s(x, wide), simd.add_f32s(y, wide)];
-        self.map.ranges().each(simd, low, high)
+        self.map.ranges().squares(simd, low, high)
     }
 
     /// Numbers of blockers on discs of `radius` texels, and the sums of their heights above the
@@ -360,7 +410,7 @@ fn steepness<S: Simd>(simd: S, [x, y]: [S::f32s; 2]) -> S::f32s {
 /// A disc, turned in each lane.
 struct Turned<'a, S: Simd> {
     simd: S,
-    disc: &'a [glam::Vec2],
+    disc: &'a [Vec2],
     /// Cosines and sines.
     turn: Option<[S::f32s; 2]>,
 }
@@ -370,7 +420,10 @@ impl<S: Simd> Turned<'_, S> {
     #[inline(always)]
     fn point(&self, k: usize, radius: S::f32s) -> [S::f32s; 2] {
         let simd = self.simd;
-        let (x, y) = (simd.splat_f32s(self.disc[k].x), simd.splat_f32s(self.disc[k].y));
+        let (x, y) = (
+            simd.splat_f32s(self.disc[k].x),
+            simd.splat_f32s(self.disc[k].y),
+        );
         let [x, y] = if let Some([cos, sin]) = self.turn {
             [
                 simd.sub_f32s(simd.mul_f32s(cos, x), simd.mul_f32s(sin, y)),
@@ -397,7 +450,10 @@ impl<S: Simd> Receiving<S> {
     /// The points beside these on the surface, by offsets in texels, and their distances.
     #[inline(always)]
     fn beside(&self, simd: S, [x, y]: [S::f32s; 2]) -> ([S::f32s; 2], S::f32s) {
-        let rise = simd.add_f32s(simd.mul_f32s(self.slope[0], x), simd.mul_f32s(self.slope[1], y));
+        let rise = simd.add_f32s(
+            simd.mul_f32s(self.slope[0], x),
+            simd.mul_f32s(self.slope[1], y),
+        );
         let at = [simd.add_f32s(self.at[0], x), simd.add_f32s(self.at[1], y)];
         (at, simd.add_f32s(self.depth, rise))
     }
