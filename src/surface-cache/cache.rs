@@ -5,13 +5,13 @@ use crate::casters::{Casters, Maps};
 use crate::disc::Disc;
 use crate::layout::{Bounds, Layout, Page, Receiver, TEXELS};
 use crate::receivers::{CachedPart, Extent, Layer, MovingReceiver, receivers};
-use crate::sums::{Packed, PageLight, Sums, Unshadowed};
+use crate::renewal::{LightPages, PagesView, discs};
+use crate::sums::{Packed, Sums, Unshadowed};
 use crate::texels::{PageTexels, texels};
-use crate::visibility::{LitMap, Offset, Reach};
 use glam::{DMat4, Vec3};
 use half::f16;
 use penumbra_interface::threads;
-use penumbra_lighting::{DomeLight, Harmonics, LightKind, Lighting};
+use penumbra_lighting::{DomeLight, Harmonics, Lighting};
 use penumbra_scene::{IndirectLight, Part, Scene};
 use std::sync::{Arc, Mutex};
 
@@ -88,15 +88,6 @@ pub struct ReceiverPage {
     pub texels: Arc<PageTexels>,
 }
 
-/// One light's visibility on all pages.
-struct LightPages {
-    /// Past virtual casters, past phantoms.
-    reach: [Vec<Reach>; 2],
-    seen: [Vec<u8>; 2],
-    /// Whether a page is another one since the visibility was last found.
-    is_touched: Vec<bool>,
-}
-
 /// The sums of a page.
 struct PageSums {
     texels: [Vec<[f16; 4]>; 2],
@@ -142,17 +133,14 @@ impl SurfaceCache {
         };
         let texels: Vec<Arc<PageTexels>> = layout.pages.iter().map(place).collect();
         let pages = layout.pages.len();
-        let light = || LightPages {
-            reach: [vec![Reach::Open; pages], vec![Reach::Open; pages]],
-            seen: [vec![0; pages * TEXELS], vec![0; pages * TEXELS]],
-            is_touched: vec![false; pages],
-        };
         let sums = || PageSums {
             texels: [vec![[f16::ZERO; 4]; TEXELS], vec![[f16::ZERO; 4]; TEXELS]],
             is_shadowed: false,
         };
         Self {
-            lights: (0..options.lights).map(|_| light()).collect(),
+            lights: (0..options.lights)
+                .map(|_| LightPages::new(pages))
+                .collect(),
             sums: (0..pages).map(|_| sums()).collect(),
             extents: texels.iter().map(|t| Extent::of(t)).collect(),
             moving: MovingReceiver::all(scene, &parts, &layout, &texels),
@@ -160,7 +148,7 @@ impl SurfaceCache {
             layout,
             texels,
             casters,
-            discs: SAMPLES.map(Disc::new),
+            discs: discs(),
             has_ground: scene.ground_height.is_some(),
             summed: None,
             unshadowed: None,
@@ -318,12 +306,8 @@ impl SurfaceCache {
     }
 }
 
-/// Look-ups for the search for blockers and for the filter, each, of a light that stands for a cell
-/// and of a compact one, whose shadow is seen by itself: on a texel, and on one of those between
-/// which visibility is interpolated.
-const SAMPLES: [[usize; 2]; 2] = [[8, 16], [16, 64]];
-/// Pages that a thread sums at a time.
-const CHUNK: usize = 64;
+/// Pages that a thread takes at a time.
+pub const CHUNK: usize = 64;
 
 /// What the sums are made of.
 struct SumsView<'a> {
@@ -376,128 +360,5 @@ impl SumsView<'_> {
                 buffers.remaining(page, lights, unshadowed, indirect, albedo, &mut packed);
             }
         }
-    }
-}
-
-/// What finding the visibility of a light reads.
-struct PagesView<'a> {
-    parts: &'a [CachedPart],
-    layout: &'a Layout,
-    texels: &'a [Arc<PageTexels>],
-    extents: &'a [Extent],
-    casters: &'a Casters,
-    discs: &'a [Disc; 2],
-}
-
-/// Some pages of one light: number of the first, visibility past casters of one kind, reach,
-/// whether they have changed.
-type SomePages<'a> = (usize, &'a mut [u8], &'a mut [Reach], &'a mut [bool]);
-
-/// Finding the visibility on some pages, with the instructions that the processor has.
-struct Search<'a> {
-    view: &'a PagesView<'a>,
-    lit: Option<&'a LitMap<'a>>,
-    which: usize,
-    pages: SomePages<'a>,
-}
-
-impl pulp::WithSimd for Search<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn with_simd<S: pulp::Simd>(self, simd: S) {
-        self.view.find(simd, self.lit, self.which, self.pages);
-    }
-}
-
-impl PagesView<'_> {
-    /// Finds the visibility of a light on all pages, `divided` between threads or on this one.
-    fn renew(&self, kept: &mut LightPages, light: &DomeLight, maps: &mut Maps, divided: bool) {
-        let chunk = if divided {
-            CHUNK
-        } else {
-            self.texels.len().max(1)
-        };
-        let is_compact = light.kind == LightKind::Compact;
-        let drawn = self.casters.draw(light.direction, maps.of(is_compact));
-        for (which, map) in drawn.into_iter().enumerate() {
-            let lit = map.map(|(map, view)| LitMap {
-                map,
-                view,
-                to_light: light.direction,
-                spread: light.angular_radius.tan(),
-                disc: &self.discs[usize::from(is_compact)],
-            });
-            let seen = kept.seen[which].chunks_mut(chunk * TEXELS);
-            let reach = kept.reach[which].chunks_mut(chunk);
-            let touched = kept.is_touched.chunks_mut(chunk);
-            let pages = seen.zip(reach).zip(touched).enumerate();
-            let pages = pages.map(|(i, ((s, r), t))| (i * chunk, s, r, t)).collect();
-            let lit = lit.as_ref();
-            threads::for_each(pages, |pages| {
-                pulp::Arch::new().dispatch(Search {
-                    view: self,
-                    lit,
-                    which,
-                    pages,
-                });
-            });
-        }
-    }
-
-    #[inline(always)]
-    fn find<S: pulp::Simd>(
-        &self,
-        simd: S,
-        lit: Option<&LitMap<'_>>,
-        which: usize,
-        pages: SomePages<'_>,
-    ) {
-        let (first, seen, reach, touched) = pages;
-        let each = seen.chunks_exact_mut(TEXELS).zip(reach).zip(touched);
-        for (p, ((seen, reach), touched)) in (first..).zip(each) {
-            let before = *reach;
-            *reach = Reach::Open;
-            if let Some(lit) = lit {
-                *reach = self.look(simd, lit, which, p, seen);
-            }
-            *touched |= before == Reach::Partial || *reach == Reach::Partial;
-        }
-    }
-
-    #[inline(always)]
-    fn look<S: pulp::Simd>(
-        &self,
-        simd: S,
-        lit: &LitMap<'_>,
-        which: usize,
-        p: usize,
-        seen: &mut [u8],
-    ) -> Reach {
-        let offset = match (self.parts[self.layout.pages[p].receiver].layer, which) {
-            (Layer::Virtual(_), 0) => Offset::Lift,
-            (Layer::Phantom(_), 1) => Offset::Shift,
-            _ => Offset::None,
-        };
-        let place = (&self.extents[p], self.layout.length(p));
-        lit.look(simd, &self.texels[p], place, offset, seen)
-    }
-}
-
-impl LightPages {
-    /// The light on page `p`, if it is blocked there anywhere.
-    fn on_page<'a>(&'a self, p: usize, light: &'a DomeLight) -> Option<PageLight<'a>> {
-        let of = |which: usize| {
-            let seen = self.seen[which].get(p * TEXELS..(p + 1) * TEXELS)?;
-            let is_partial = self.reach[which][p] == Reach::Partial;
-            is_partial.then(|| seen.try_into().ok()).flatten()
-        };
-        let (past_virtual, past_phantoms) = (of(0), of(1));
-        let is_blocked = past_virtual.is_some() || past_phantoms.is_some();
-        (is_blocked && light.irradiance != Vec3::ZERO).then_some(PageLight {
-            light,
-            past_virtual,
-            past_phantoms,
-        })
     }
 }

@@ -2,8 +2,9 @@
 
 use crate::lanes::MOST;
 use crate::layout::{BORDERED, TEXELS};
+use crate::sampling::FREE;
 use crate::texels::PageTexels;
-use crate::visibility::{FREE, How, LitMap, Look, Offset};
+use crate::visibility::{How, LitMap, Look, Offset};
 use pulp::Simd;
 
 /// Texels of a page, along each axis, between which visibility may be interpolated: the corners of

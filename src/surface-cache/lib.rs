@@ -13,6 +13,8 @@ mod lattice;
 mod layout;
 mod ranges;
 mod receivers;
+mod renewal;
+mod sampling;
 mod split;
 mod sums;
 #[cfg(test)]
