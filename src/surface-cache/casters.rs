@@ -69,6 +69,37 @@ impl Maps {
     }
 }
 
+/// Drawing a map, with the instructions that the processor has.
+struct Drawing<'a> {
+    set: &'a Set,
+    view: &'a View,
+    map: &'a mut DepthMap,
+    projected: &'a mut Vec<(Vec2, f32)>,
+}
+
+impl pulp::WithSimd for Drawing<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: pulp::Simd>(self, _: S) {
+        let Self {
+            set,
+            view,
+            map,
+            projected,
+        } = self;
+        projected.clear();
+        for p in &set.positions {
+            projected.push(view.project(*p));
+        }
+        map.clear();
+        let [closed, open] = &set.indices;
+        map.draw(projected, closed, true);
+        map.draw(projected, open, false);
+        map.finish();
+    }
+}
+
 /// Virtual casters and phantoms.
 pub struct Casters {
     /// Virtual ones for lights that stand for cells, for compact ones; phantoms.
@@ -185,13 +216,12 @@ impl Set {
         projected: &mut Vec<(Vec2, f32)>,
     ) -> Option<(&'a DepthMap, View)> {
         let view = View::fitted(self.outermost(), to_light, map.size())?;
-        projected.clear();
-        projected.extend(self.positions.iter().map(|p| view.project(*p)));
-        map.clear();
-        let [closed, open] = &self.indices;
-        map.draw(projected, closed, true);
-        map.draw(projected, open, false);
-        map.finish();
+        pulp::Arch::new().dispatch(Drawing {
+            set: self,
+            view: &view,
+            map: &mut *map,
+            projected,
+        });
         Some((map, view))
     }
 }

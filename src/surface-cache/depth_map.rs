@@ -124,15 +124,22 @@ impl DepthMap {
     }
 
     /// Empties the map.
+    #[inline(always)]
     pub fn clear(&mut self) {
         self.texels.fill(FAR);
     }
 
     /// Draws triangles given by their corners' texel coordinates and distances; of those of a
     /// `closed` surface only the ones that face the light, which hide the others.
+    #[inline(always)]
     pub fn draw(&mut self, corners: &[(Vec2, f32)], indices: &[u32], closed: bool) {
         for t in indices.chunks_exact(3) {
-            self.triangle([t[0], t[1], t[2]].map(|i| corners[i as usize]), closed);
+            let corners = [
+                corners[t[0] as usize],
+                corners[t[1] as usize],
+                corners[t[2] as usize],
+            ];
+            self.triangle(corners, closed);
         }
     }
 
@@ -162,8 +169,8 @@ impl DepthMap {
             for (u, end, slope) in edges {
                 if (u.y <= py) != (end <= py) {
                     let x = u.x + slope * (py - u.y);
-                    from = from.min(x);
-                    to = to.max(x);
+                    from = if x < from { x } else { from };
+                    to = if x > to { x } else { to };
                 }
             }
             if from > to {
@@ -179,7 +186,10 @@ impl DepthMap {
             let z = za + (py - a.y) * dy + (from as f32 + 0.5 - a.x) * dx;
             let row = &mut self.texels[y * self.size + from..=y * self.size + to];
             for (k, texel) in row.iter_mut().enumerate() {
-                *texel = texel.min(k as f32 * dx + z);
+                let z = k as f32 * dx + z;
+                if z < *texel {
+                    *texel = z;
+                }
             }
         }
     }
