@@ -20,7 +20,7 @@ use std::sync::{Arc, Mutex};
 pub struct CacheOptions {
     /// Maximum number of pages.
     pub pages: usize,
-    /// Texels along a side of a light's depth maps, a multiple of 8.
+    /// Texels along a side of a light's depth maps, a power of two from 16 to 2048.
     pub map_size: usize,
     /// Maximum number of lights.
     pub lights: usize,

@@ -326,3 +326,46 @@ fn is_ground(part: &Part, scene: &Scene) -> bool {
     };
     positions_of(part).all(|p| (f64::from(p.z) - height).abs() < 1e-6)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use penumbra_scene::primitives;
+
+    #[test]
+    fn back_faces_of_closed_surfaces_change_nothing() {
+        let mesh = primitives::torus(0.09, 0.035, 60, 40);
+        let positions: Vec<Vec3> = mesh.vertices.iter().map(|v| v.position).collect();
+        let volume = closed_volume(&positions, &mesh.indices).expect("closed");
+        let exact = 2.0 * std::f32::consts::PI.powi(2) * 0.09 * 0.035 * 0.035;
+        assert!((volume / exact - 1.0).abs() < 0.02, "{volume} {exact}");
+        let to_light = Vec3::new(0.3, -0.5, 0.6).normalize();
+        let view = View::fitted(positions.iter().copied(), to_light, 64).expect("points");
+        let corners: Vec<_> = positions.iter().map(|p| view.project(*p)).collect();
+        let [front, all] = [true, false].map(|closed| {
+            let mut map = DepthMap::new(64);
+            map.draw(&corners, &mesh.indices, closed);
+            (0..64 * 64)
+                .map(|k| [k % 64, k / 64].map(|x| x as f32 + 0.5))
+                .map(|at| map.nearest(pulp::Scalar::new(), at))
+                .collect::<Vec<f32>>()
+        });
+        assert!(all.iter().filter(|z| z.is_finite()).count() > 500);
+        assert!(front == all);
+    }
+
+    #[test]
+    fn open_and_mirrored_surfaces_are_known() {
+        let square = primitives::plane(1.0, 1.0);
+        let positions: Vec<Vec3> = square.vertices.iter().map(|v| v.position).collect();
+        assert_eq!(closed_volume(&positions, &square.indices), None);
+        let cube = primitives::cuboid(Vec3::ONE);
+        let mirrored: Vec<Vec3> = cube
+            .vertices
+            .iter()
+            .map(|v| v.position * Vec3::new(-1.0, 1.0, 1.0))
+            .collect();
+        let volume = closed_volume(&mirrored, &cube.indices).expect("closed");
+        assert!((volume + 1.0).abs() < 1e-5, "{volume}");
+    }
+}
