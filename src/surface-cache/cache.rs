@@ -2,15 +2,16 @@
 //! sums.
 
 use crate::casters::{Casters, Maps};
+use crate::disc::Disc;
 use crate::layout::{Bounds, Layout, Page, Receiver, TEXELS};
-use crate::receivers::{CachedPart, Layer, MovingReceiver, bounds_of, receivers};
-use crate::sums::{Packed, PageLight, Sums, Unshadowed};
+use crate::receivers::{CachedPart, Extent, Layer, MovingReceiver, receivers};
+use crate::renewal::{LightPages, PagesView, discs};
+use crate::sums::{Packed, Sums, Unshadowed};
 use crate::texels::{PageTexels, texels};
-use crate::visibility::{Disc, LitMap, Offset, Reach};
 use glam::{DMat4, Vec3};
 use half::f16;
 use penumbra_interface::threads;
-use penumbra_lighting::{DomeLight, Harmonics, LightKind, Lighting};
+use penumbra_lighting::{DomeLight, Harmonics, Lighting};
 use penumbra_scene::{IndirectLight, Part, Scene};
 use std::sync::{Arc, Mutex};
 
@@ -19,7 +20,7 @@ use std::sync::{Arc, Mutex};
 pub struct CacheOptions {
     /// Maximum number of pages.
     pub pages: usize,
-    /// Texels along a side of a light's depth maps, a multiple of 8.
+    /// Texels along a side of a light's depth maps, a power of two from 16 to 2048.
     pub map_size: usize,
     /// Maximum number of lights.
     pub lights: usize,
@@ -87,15 +88,6 @@ pub struct ReceiverPage {
     pub texels: Arc<PageTexels>,
 }
 
-/// One light's visibility on all pages.
-struct LightPages {
-    /// Past virtual casters, past phantoms.
-    reach: [Vec<Reach>; 2],
-    seen: [Vec<u8>; 2],
-    /// Whether a page is another one since the visibility was last found.
-    is_touched: Vec<bool>,
-}
-
 /// The sums of a page.
 struct PageSums {
     texels: [Vec<[f16; 4]>; 2],
@@ -107,7 +99,7 @@ pub struct SurfaceCache {
     pub(crate) parts: Vec<CachedPart>,
     pub(crate) layout: Layout,
     pub(crate) texels: Vec<Arc<PageTexels>>,
-    bounds: Vec<Bounds>,
+    extents: Vec<Extent>,
     casters: Casters,
     moving: Vec<MovingReceiver>,
     /// For the lights that stand for cells, and for compact ones.
@@ -117,6 +109,8 @@ pub struct SurfaceCache {
     sums: Vec<PageSums>,
     /// Generations of the light and of the indirect light in the sums.
     summed: Option<(u64, u64)>,
+    /// Of the light with this generation.
+    unshadowed: Option<(u64, Unshadowed)>,
     /// Pages that the last update has changed, as a list and by number.
     changed: Vec<u32>,
     is_changed: Vec<bool>,
@@ -130,7 +124,7 @@ impl SurfaceCache {
     #[must_use]
     pub fn new(scene: &Scene, casters: &[Part], options: &CacheOptions) -> Self {
         let (parts, normals) = receivers(scene);
-        let casters = Casters::new(scene, casters);
+        let casters = Casters::new(scene, casters, options.map_size);
         let receivers: Vec<&Receiver> = parts.iter().map(|p| &p.receiver).collect();
         let layout = Layout::fitted(&receivers, casters.virtual_bounds(), options.pages);
         let place = |page: &Page| {
@@ -139,27 +133,25 @@ impl SurfaceCache {
         };
         let texels: Vec<Arc<PageTexels>> = layout.pages.iter().map(place).collect();
         let pages = layout.pages.len();
-        let light = || LightPages {
-            reach: [vec![Reach::Open; pages], vec![Reach::Open; pages]],
-            seen: [vec![0; pages * TEXELS], vec![0; pages * TEXELS]],
-            is_touched: vec![false; pages],
-        };
         let sums = || PageSums {
             texels: [vec![[f16::ZERO; 4]; TEXELS], vec![[f16::ZERO; 4]; TEXELS]],
             is_shadowed: false,
         };
         Self {
-            lights: (0..options.lights).map(|_| light()).collect(),
+            lights: (0..options.lights)
+                .map(|_| LightPages::new(pages))
+                .collect(),
             sums: (0..pages).map(|_| sums()).collect(),
-            bounds: texels.iter().map(|t| bounds_of(t)).collect(),
+            extents: texels.iter().map(|t| Extent::of(t)).collect(),
             moving: MovingReceiver::all(scene, &parts, &layout, &texels),
             parts,
             layout,
             texels,
             casters,
-            discs: SAMPLES.map(Disc::new),
+            discs: discs(),
             has_ground: scene.ground_height.is_some(),
             summed: None,
+            unshadowed: None,
             changed: Vec::with_capacity(pages),
             is_changed: vec![false; pages],
             maps: (0..threads::processors())
@@ -178,10 +170,10 @@ impl SurfaceCache {
     #[must_use]
     pub fn receiver_pages(&self) -> Vec<ReceiverPage> {
         let each = self.layout.pages.iter().zip(&self.texels);
-        let each = each.zip(&self.bounds);
-        each.map(|((page, texels), bounds)| ReceiverPage {
+        let each = each.zip(&self.extents);
+        each.map(|((page, texels), extent)| ReceiverPage {
             layer: self.parts[page.receiver].layer,
-            bounds: *bounds,
+            bounds: extent.bounds,
             texels: texels.clone(),
         })
         .collect()
@@ -198,7 +190,7 @@ impl SurfaceCache {
     pub fn place(&mut self, part: usize, world: DMat4) {
         self.casters.place(part, world);
         if let Some(moving) = self.moving.iter().find(|moving| moving.is(part)) {
-            moving.place(world, &mut self.texels, &mut self.bounds);
+            moving.place(world, &mut self.texels, &mut self.extents);
             moving.pages().for_each(|p| self.is_changed[p] = true);
         }
     }
@@ -238,7 +230,7 @@ impl SurfaceCache {
             parts: &self.parts,
             layout: &self.layout,
             texels: &self.texels,
-            bounds: &self.bounds,
+            extents: &self.extents,
             casters: &self.casters,
             discs: &self.discs,
         };
@@ -275,14 +267,17 @@ impl SurfaceCache {
         if self.changed.is_empty() {
             return;
         }
-        let unshadowed = Unshadowed::new(light, self.has_ground);
+        let known = self.unshadowed.take();
+        let known = known.filter(|(generation, _)| *generation == light.generation);
+        let new = || (light.generation, Unshadowed::new(light, self.has_ground));
+        let (_, unshadowed) = self.unshadowed.insert(known.unwrap_or_else(new));
         let view = SumsView {
             parts: &self.parts,
             layout: &self.layout,
             texels: &self.texels,
             lights: &self.lights,
             of: light.lights,
-            unshadowed: &unshadowed,
+            unshadowed,
             indirect: light.indirect,
         };
         let mut wanted = self.changed.iter().copied().peekable();
@@ -291,10 +286,7 @@ impl SurfaceCache {
             .filter(|(_, p)| wanted.next_if_eq(p).is_some())
             .collect();
         threads::for_each(pages.chunks_mut(CHUNK).collect(), |chunk| {
-            let mut buffers = Sums::new();
-            for (sums, p) in chunk {
-                view.sum(&mut buffers, *p as usize, sums);
-            }
+            pulp::Arch::new().dispatch(Summing { view: &view, chunk });
         });
     }
 
@@ -309,17 +301,13 @@ impl SurfaceCache {
 
     /// Bounds of the pages of real surfaces on which something is in shadow.
     pub fn shadowed(&self) -> impl Iterator<Item = Bounds> {
-        let pages = self.bounds.iter().zip(&self.sums);
-        pages.filter_map(|(bounds, sums)| sums.is_shadowed.then_some(*bounds))
+        let pages = self.extents.iter().zip(&self.sums);
+        pages.filter_map(|(extent, sums)| sums.is_shadowed.then_some(extent.bounds))
     }
 }
 
-/// Look-ups for the search for blockers and for the filter, each, of a light that stands for a cell
-/// and of a compact one, whose shadow is seen by itself: on a texel, and on one of those between
-/// which visibility is interpolated.
-const SAMPLES: [[usize; 2]; 2] = [[8, 16], [16, 64]];
-/// Pages that a thread sums at a time.
-const CHUNK: usize = 64;
+/// Pages that a thread takes at a time.
+pub const CHUNK: usize = 64;
 
 /// What the sums are made of.
 struct SumsView<'a> {
@@ -332,7 +320,26 @@ struct SumsView<'a> {
     indirect: Option<&'a IndirectLight>,
 }
 
+/// Summing on some pages, with the instructions that the processor has.
+struct Summing<'a, 'b> {
+    view: &'a SumsView<'a>,
+    chunk: &'a mut [(&'b mut PageSums, u32)],
+}
+
+impl pulp::WithSimd for Summing<'_, '_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: pulp::Simd>(self, _: S) {
+        let mut buffers = Sums::new();
+        for (sums, p) in self.chunk {
+            self.view.sum(&mut buffers, *p as usize, sums);
+        }
+    }
+}
+
 impl SumsView<'_> {
+    #[inline(always)]
     fn sum(&self, buffers: &mut Sums, p: usize, sums: &mut PageSums) {
         let page = &self.texels[p];
         let lights = self.lights.iter().zip(self.of);
@@ -353,85 +360,5 @@ impl SumsView<'_> {
                 buffers.remaining(page, lights, unshadowed, indirect, albedo, &mut packed);
             }
         }
-    }
-}
-
-/// What finding the visibility of a light reads.
-struct PagesView<'a> {
-    parts: &'a [CachedPart],
-    layout: &'a Layout,
-    texels: &'a [Arc<PageTexels>],
-    bounds: &'a [Bounds],
-    casters: &'a Casters,
-    discs: &'a [Disc; 2],
-}
-
-/// Some pages of one light: number of the first, visibility past casters of one kind, reach,
-/// whether they have changed.
-type SomePages<'a> = (usize, &'a mut [u8], &'a mut [Reach], &'a mut [bool]);
-
-impl PagesView<'_> {
-    /// Finds the visibility of a light on all pages, `divided` between threads or on this one.
-    fn renew(&self, kept: &mut LightPages, light: &DomeLight, maps: &mut Maps, divided: bool) {
-        let chunk = if divided {
-            CHUNK
-        } else {
-            self.texels.len().max(1)
-        };
-        let is_compact = light.kind == LightKind::Compact;
-        let drawn = self.casters.draw(light.direction, maps.of(is_compact));
-        for (which, map) in drawn.into_iter().enumerate() {
-            let lit = map.map(|(map, view)| LitMap {
-                map,
-                view,
-                to_light: light.direction,
-                spread: light.angular_radius.tan(),
-                disc: &self.discs[usize::from(is_compact)],
-            });
-            let seen = kept.seen[which].chunks_mut(chunk * TEXELS);
-            let reach = kept.reach[which].chunks_mut(chunk);
-            let touched = kept.is_touched.chunks_mut(chunk);
-            let pages = seen.zip(reach).zip(touched).enumerate();
-            let pages = pages.map(|(i, ((s, r), t))| (i * chunk, s, r, t)).collect();
-            threads::for_each(pages, |pages| self.find(lit.as_ref(), which, pages));
-        }
-    }
-
-    fn find(&self, lit: Option<&LitMap<'_>>, which: usize, pages: SomePages<'_>) {
-        let (first, seen, reach, touched) = pages;
-        let each = seen.chunks_exact_mut(TEXELS).zip(reach).zip(touched);
-        for (p, ((seen, reach), touched)) in (first..).zip(each) {
-            let before = *reach;
-            *reach = lit.map_or(Reach::Open, |lit| self.look(lit, which, p, seen));
-            *touched |= before == Reach::Partial || *reach == Reach::Partial;
-        }
-    }
-
-    fn look(&self, lit: &LitMap<'_>, which: usize, p: usize, seen: &mut [u8]) -> Reach {
-        let offset = match (self.parts[self.layout.pages[p].receiver].layer, which) {
-            (Layer::Virtual(_), 0) => Offset::Lift,
-            (Layer::Phantom(_), 1) => Offset::Shift,
-            _ => Offset::None,
-        };
-        let place = (&self.bounds[p], self.layout.length(p));
-        lit.look(&self.texels[p], place, offset, seen)
-    }
-}
-
-impl LightPages {
-    /// The light on page `p`, if it is blocked there anywhere.
-    fn on_page<'a>(&'a self, p: usize, light: &'a DomeLight) -> Option<PageLight<'a>> {
-        let of = |which: usize| {
-            let seen = self.seen[which].get(p * TEXELS..(p + 1) * TEXELS)?;
-            let is_partial = self.reach[which][p] == Reach::Partial;
-            is_partial.then(|| seen.try_into().ok()).flatten()
-        };
-        let (past_virtual, past_phantoms) = (of(0), of(1));
-        let is_blocked = past_virtual.is_some() || past_phantoms.is_some();
-        (is_blocked && light.irradiance != Vec3::ZERO).then_some(PageLight {
-            light,
-            past_virtual,
-            past_phantoms,
-        })
     }
 }

@@ -4,11 +4,13 @@ use crate::depth_map::{DepthMap, View};
 use crate::layout::Bounds;
 use glam::{DMat4, Vec2, Vec3};
 use penumbra_scene::{Motion, Part, Scene, Vertex};
+use std::collections::HashMap;
 
 /// Casters of one kind, in the world.
 struct Set {
     positions: Vec<Vec3>,
-    indices: Vec<u32>,
+    /// Three per triangle; first those of closed surfaces, of which back faces are left out.
+    indices: [Vec<u32>; 2],
     /// Numbers of the outermost positions, to which maps are fitted.
     hull: Vec<u32>,
     moving: Vec<MovingCaster>,
@@ -26,13 +28,15 @@ struct MovingCaster {
 
 /// The depth maps of one light, and buffers for drawing them.
 pub struct LightMaps {
+    is_compact: bool,
     maps: [DepthMap; 2],
     projected: Vec<(Vec2, f32)>,
 }
 
 impl LightMaps {
-    fn new(size: usize) -> Self {
+    fn new(size: usize, is_compact: bool) -> Self {
         Self {
+            is_compact,
             maps: [DepthMap::new(size), DepthMap::new(size)],
             projected: Vec::new(),
         }
@@ -50,8 +54,8 @@ impl Maps {
     /// penumbrae are wide, have half as many.
     pub fn new(size: usize) -> Self {
         Self {
-            cell: LightMaps::new(size / 2),
-            compact: LightMaps::new(size),
+            cell: LightMaps::new(size / 2, false),
+            compact: LightMaps::new(size, true),
         }
     }
 
@@ -65,15 +69,48 @@ impl Maps {
     }
 }
 
+/// Drawing a map, with the instructions that the processor has.
+struct Drawing<'a> {
+    set: &'a Set,
+    view: &'a View,
+    map: &'a mut DepthMap,
+    projected: &'a mut Vec<(Vec2, f32)>,
+}
+
+impl pulp::WithSimd for Drawing<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: pulp::Simd>(self, _: S) {
+        let Self {
+            set,
+            view,
+            map,
+            projected,
+        } = self;
+        projected.clear();
+        for p in &set.positions {
+            projected.push(view.project(*p));
+        }
+        map.clear();
+        let [closed, open] = &set.indices;
+        map.draw(projected, closed, true);
+        map.draw(projected, open, false);
+        map.finish();
+    }
+}
+
 /// Virtual casters and phantoms.
 pub struct Casters {
-    sets: [Set; 2],
+    /// Virtual ones for lights that stand for cells, for compact ones; phantoms.
+    sets: [Set; 3],
     bounds: Vec<Bounds>,
 }
 
 impl Casters {
     /// `casters` are the virtual parts as they cast shadows. The ground casts no shadow.
-    pub fn new(scene: &Scene, casters: &[Part]) -> Self {
+    /// `map_size` is that of the maps of compact lights; the smaller ones get coarser casters.
+    pub fn new(scene: &Scene, casters: &[Part], map_size: usize) -> Self {
         let solid = scene.phantom_parts.iter().filter(|p| !is_ground(p, scene));
         let motion = |i: usize| {
             let movers = &scene.motions.parts;
@@ -83,11 +120,23 @@ impl Casters {
         let own: Vec<_> = (casters.iter().enumerate())
             .map(|(i, part)| (part, motion(i)))
             .collect();
-        let bounds = own.iter().map(|(part, motion)| swept(part, *motion));
+        let all = casters.iter().flat_map(positions_of);
+        let all = all.fold(Bounds::NOTHING, Bounds::with);
+        let half_a_texel = all.extent() / map_size as f32;
+        let coarse: Vec<Part> = (casters.iter())
+            .map(|part| Part {
+                mesh: part.caster(half_a_texel),
+                ..part.clone()
+            })
+            .collect();
+        let moves = || own.iter().map(|(_, motion)| motion.is_some());
         Self {
-            bounds: bounds.collect(),
+            bounds: (own.iter())
+                .map(|(part, motion)| swept(part, *motion))
+                .collect(),
             sets: [
-                Set::new(own.iter().map(|(part, motion)| (*part, motion.is_some()))),
+                Set::new(coarse.iter().zip(moves())),
+                Set::new(casters.iter().zip(moves())),
                 Set::new(solid.map(|part| (part, false))),
             ],
         }
@@ -100,12 +149,8 @@ impl Casters {
 
     /// Moves a virtual part to `world`.
     pub fn place(&mut self, part: usize, world: DMat4) {
-        let set = &mut self.sets[0];
-        if let Some(caster) = set.moving.iter().find(|caster| caster.part == part) {
-            let to = set.positions[caster.first..].iter_mut();
-            for (to, own) in to.zip(&caster.own) {
-                *to = world.transform_point3(own.as_dvec3()).as_vec3();
-            }
+        for set in &mut self.sets[..2] {
+            set.place(part, world);
         }
     }
 
@@ -116,7 +161,8 @@ impl Casters {
         to: &'a mut LightMaps,
     ) -> [Option<(&'a DepthMap, View)>; 2] {
         let [first, second] = &mut to.maps;
-        let [own, real] = &self.sets;
+        let [coarse, fine, real] = &self.sets;
+        let own = if to.is_compact { fine } else { coarse };
         [
             own.draw(to_light, first, &mut to.projected),
             real.draw(to_light, second, &mut to.projected),
@@ -129,7 +175,7 @@ impl Set {
     fn new<'a>(parts: impl Iterator<Item = (&'a Part, bool)>) -> Self {
         let mut set = Self {
             positions: Vec::new(),
-            indices: Vec::new(),
+            indices: [Vec::new(), Vec::new()],
             hull: Vec::new(),
             moving: Vec::new(),
         };
@@ -137,8 +183,15 @@ impl Set {
         for (number, (part, moves)) in parts.enumerate() {
             let first = set.positions.len() as u32;
             set.positions.extend(positions_of(part));
-            set.indices
-                .extend(part.mesh.indices.iter().map(|i| i + first));
+            let corners: Vec<Vec3> = positions_of(part).collect();
+            let volume = closed_volume(&corners, &part.mesh.indices);
+            let indices = &mut set.indices[usize::from(volume.is_none())];
+            let at = indices.len();
+            indices.extend(part.mesh.indices.iter().map(|i| i + first));
+            if volume.is_some_and(|volume| volume < 0.0) {
+                // Wound or placed inside out.
+                indices[at..].chunks_exact_mut(3).for_each(|t| t.swap(1, 2));
+            }
             let numbers = first..set.positions.len() as u32;
             if moves {
                 set.hull.extend(outermost(&set.positions, numbers));
@@ -163,19 +216,56 @@ impl Set {
         projected: &mut Vec<(Vec2, f32)>,
     ) -> Option<(&'a DepthMap, View)> {
         let view = View::fitted(self.outermost(), to_light, map.size())?;
-        projected.clear();
-        projected.extend(self.positions.iter().map(|p| view.project(*p)));
-        map.clear();
-        map.draw(projected, &self.indices);
-        map.finish();
+        pulp::Arch::new().dispatch(Drawing {
+            set: self,
+            view: &view,
+            map: &mut *map,
+            projected,
+        });
         Some((map, view))
     }
 }
 
 impl Set {
+    fn place(&mut self, part: usize, world: DMat4) {
+        if let Some(caster) = self.moving.iter().find(|caster| caster.part == part) {
+            let to = self.positions[caster.first..].iter_mut();
+            for (to, own) in to.zip(&caster.own) {
+                *to = world.transform_point3(own.as_dvec3()).as_vec3();
+            }
+        }
+    }
+
     fn outermost(&self) -> impl Iterator<Item = Vec3> + Clone {
         self.hull.iter().map(|i| self.positions[*i as usize])
     }
+}
+
+/// The volume that triangles enclose, negative if they are wound inwards; `None` if they are not
+/// closed and evenly wound.
+fn closed_volume(positions: &[Vec3], indices: &[u32]) -> Option<f32> {
+    let key = |i: u32| {
+        (positions[i as usize] + Vec3::ZERO)
+            .to_array()
+            .map(f32::to_bits)
+    };
+    let mut edges: HashMap<_, i32> = HashMap::with_capacity(indices.len());
+    let mut volume = 0.0;
+    let centre = positions.first()?;
+    for t in indices.chunks_exact(3) {
+        let [a, b, c] = [t[0], t[1], t[2]].map(|i| positions[i as usize] - centre);
+        volume += a.dot(b.cross(c)) / 6.0;
+        for (from, to) in [(t[0], t[1]), (t[1], t[2]), (t[2], t[0])].map(|(a, b)| (key(a), key(b)))
+        {
+            let (edge, turn) = if from < to {
+                ((from, to), 1)
+            } else {
+                ((to, from), -1)
+            };
+            *edges.entry(edge).or_default() += turn * i32::from(from != to);
+        }
+    }
+    edges.values().all(|turns| *turns == 0).then_some(volume)
 }
 
 fn positions_of(part: &Part) -> impl Iterator<Item = Vec3> {
@@ -235,4 +325,47 @@ fn is_ground(part: &Part, scene: &Scene) -> bool {
         return false;
     };
     positions_of(part).all(|p| (f64::from(p.z) - height).abs() < 1e-6)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use penumbra_scene::primitives;
+
+    #[test]
+    fn back_faces_of_closed_surfaces_change_nothing() {
+        let mesh = primitives::torus(0.09, 0.035, 60, 40);
+        let positions: Vec<Vec3> = mesh.vertices.iter().map(|v| v.position).collect();
+        let volume = closed_volume(&positions, &mesh.indices).expect("closed");
+        let exact = 2.0 * std::f32::consts::PI.powi(2) * 0.09 * 0.035 * 0.035;
+        assert!((volume / exact - 1.0).abs() < 0.02, "{volume} {exact}");
+        let to_light = Vec3::new(0.3, -0.5, 0.6).normalize();
+        let view = View::fitted(positions.iter().copied(), to_light, 64).expect("points");
+        let corners: Vec<_> = positions.iter().map(|p| view.project(*p)).collect();
+        let [front, all] = [true, false].map(|closed| {
+            let mut map = DepthMap::new(64);
+            map.draw(&corners, &mesh.indices, closed);
+            (0..64 * 64)
+                .map(|k| [k % 64, k / 64].map(|x| x as f32 + 0.5))
+                .map(|at| map.nearest(pulp::Scalar::new(), at))
+                .collect::<Vec<f32>>()
+        });
+        assert!(all.iter().filter(|z| z.is_finite()).count() > 500);
+        assert!(front == all);
+    }
+
+    #[test]
+    fn open_and_mirrored_surfaces_are_known() {
+        let square = primitives::plane(1.0, 1.0);
+        let positions: Vec<Vec3> = square.vertices.iter().map(|v| v.position).collect();
+        assert_eq!(closed_volume(&positions, &square.indices), None);
+        let cube = primitives::cuboid(Vec3::ONE);
+        let mirrored: Vec<Vec3> = cube
+            .vertices
+            .iter()
+            .map(|v| v.position * Vec3::new(-1.0, 1.0, 1.0))
+            .collect();
+        let volume = closed_volume(&mirrored, &cube.indices).expect("closed");
+        assert!((volume + 1.0).abs() < 1e-5, "{volume}");
+    }
 }

@@ -1,10 +1,11 @@
 //! Orthographic depth maps of casters as a distant light sees them, rasterised on the processor.
 
+use crate::lanes::{dot, gather, whole};
 use crate::layout::Bounds;
+use crate::ranges::Ranges;
 use glam::{Vec2, Vec3};
+use pulp::Simd;
 
-/// Texels along a side of a block, for which the nearest and the farthest depth are kept.
-const BLOCK: usize = 8;
 /// Depth where there is no caster, metres.
 pub const FAR: f32 = f32::INFINITY;
 
@@ -47,25 +48,48 @@ impl View {
     }
 
     /// Texel coordinates of a point, and its distance away from the light, metres.
-    #[inline]
+    #[inline(always)]
     pub fn project(&self, p: Vec3) -> (Vec2, f32) {
         let flat = Vec2::new(p.dot(self.right), p.dot(self.up)) - self.low;
         (flat * self.scale, -p.dot(self.to_light))
     }
 
     /// Length of a texel, metres.
+    #[inline(always)]
     pub fn texel(&self) -> f32 {
         1.0 / self.scale
     }
 
-    /// Change of distance per texel on a surface with normal `n`, along both axes of the map.
-    pub fn slope(&self, n: Vec3) -> Vec2 {
-        let towards = n.dot(self.to_light).max(1e-3);
-        let across = Vec2::new(n.dot(self.right), n.dot(self.up)) / towards;
-        across.clamp(Vec2::splat(-4.0), Vec2::splat(4.0)) / self.scale
+    /// Texel coordinates of points, and their distances away from the light, metres.
+    #[inline(always)]
+    pub fn project_each<S: Simd>(&self, simd: S, p: [S::f32s; 3]) -> ([S::f32s; 2], S::f32s) {
+        let scale = simd.splat_f32s(self.scale);
+        let x = simd.sub_f32s(dot(simd, p, self.right), simd.splat_f32s(self.low.x));
+        let y = simd.sub_f32s(dot(simd, p, self.up), simd.splat_f32s(self.low.y));
+        let at = [simd.mul_f32s(x, scale), simd.mul_f32s(y, scale)];
+        (at, dot(simd, p, -self.to_light))
+    }
+
+    /// Changes of distance per texel on surfaces with normals `n`, along both axes of the map.
+    #[inline(always)]
+    pub fn slopes<S: Simd>(&self, simd: S, n: [S::f32s; 3]) -> [S::f32s; 2] {
+        let towards = simd.max_f32s(dot(simd, n, self.to_light), simd.splat_f32s(1e-3));
+        [
+            self.slope_along(simd, dot(simd, n, self.right), towards),
+            self.slope_along(simd, dot(simd, n, self.up), towards),
+        ]
+    }
+
+    #[inline(always)]
+    fn slope_along<S: Simd>(&self, simd: S, along: S::f32s, towards: S::f32s) -> S::f32s {
+        let across = simd.div_f32s(along, towards);
+        let across = simd.max_f32s(across, simd.splat_f32s(-4.0));
+        let across = simd.min_f32s(across, simd.splat_f32s(4.0));
+        simd.mul_f32s(across, simd.splat_f32s(self.texel()))
     }
 
     /// Range of texel coordinates and of distances of a box.
+    #[inline(always)]
     pub fn project_bounds(&self, b: &Bounds) -> (Vec2, Vec2, f32, f32) {
         let centre = 0.5 * (b.low + b.high);
         let half = 0.5 * (b.high - b.low);
@@ -81,46 +105,16 @@ impl View {
 pub struct DepthMap {
     size: usize,
     texels: Vec<f32>,
-    /// Nearest and farthest distance in each block, then in blocks twice as long, and so on.
-    levels: Vec<Vec<[f32; 2]>>,
-    nearest_of_all: f32,
-}
-
-/// The range of no texels.
-const EMPTY: [f32; 2] = [FAR, f32::NEG_INFINITY];
-
-/// Joins 2×2 blocks each; the coarser level has `across` blocks a side.
-fn join(finer: &[[f32; 2]], coarser: &mut [[f32; 2]], across: usize) {
-    for (i, block) in coarser.iter_mut().enumerate() {
-        let (x, y) = (2 * (i % across), 2 * (i / across));
-        let first = y * 2 * across + x;
-        let four = [first, first + 1, first + 2 * across, first + 2 * across + 1];
-        *block = four.iter().fold(EMPTY, |[lo, hi], k| {
-            let [a, b] = finer[*k];
-            [lo.min(a), hi.max(b)]
-        });
-    }
-}
-
-/// What is known of a rectangle of a map from its blocks.
-#[derive(Clone, Copy, Debug)]
-pub struct Range {
-    /// Distance of the nearest caster, metres.
-    pub nearest: f32,
-    /// Distance of the farthest texel, metres.
-    pub farthest: f32,
+    ranges: Ranges,
 }
 
 impl DepthMap {
     /// A map of `size` texels a side, a power of two of at least 8.
     pub fn new(size: usize) -> Self {
-        let across = size / BLOCK;
-        let levels = (0..=across.ilog2()).map(|l| vec![EMPTY; (across >> l) * (across >> l)]);
         Self {
             size,
             texels: vec![FAR; size * size],
-            levels: levels.collect(),
-            nearest_of_all: FAR,
+            ranges: Ranges::new(size),
         }
     }
 
@@ -130,24 +124,37 @@ impl DepthMap {
     }
 
     /// Empties the map.
+    #[inline(always)]
     pub fn clear(&mut self) {
         self.texels.fill(FAR);
     }
 
-    /// Draws triangles given by their corners' texel coordinates and distances.
-    pub fn draw(&mut self, corners: &[(Vec2, f32)], indices: &[u32]) {
+    /// Draws triangles given by their corners' texel coordinates and distances; of those of a
+    /// `closed` surface only the ones that face the light, which hide the others.
+    #[inline(always)]
+    pub fn draw(&mut self, corners: &[(Vec2, f32)], indices: &[u32], closed: bool) {
         for t in indices.chunks_exact(3) {
-            self.triangle([t[0], t[1], t[2]].map(|i| corners[i as usize]));
+            let corners = [
+                corners[t[0] as usize],
+                corners[t[1] as usize],
+                corners[t[2] as usize],
+            ];
+            self.triangle(corners, closed);
         }
     }
 
-    fn triangle(&mut self, [(a, za), (b, zb), (c, zc)]: [(Vec2, f32); 3]) {
+    #[inline(always)]
+    fn triangle(&mut self, [(a, za), (b, zb), (c, zc)]: [(Vec2, f32); 3], closed: bool) {
         let area = (b - a).perp_dot(c - a);
+        if closed && area <= 0.0 {
+            return;
+        }
         let last = (self.size - 1) as f32;
         let (low, high) = (a.min(b).min(c), a.max(b).max(c));
         let first_row = ceil(low.y - 0.5).max(0);
         let last_row = floor(high.y.min(last + 0.5) - 0.5);
-        if area == 0.0 || last_row < first_row || high.x < 0.5 || low.x > last + 0.5 {
+        let holds_no_column = floor(high.x - 0.5) < ceil(low.x - 0.5);
+        if area == 0.0 || last_row < first_row || holds_no_column {
             return;
         }
         // The distance is linear over the map; edges are intersected row by row.
@@ -162,8 +169,8 @@ impl DepthMap {
             for (u, end, slope) in edges {
                 if (u.y <= py) != (end <= py) {
                     let x = u.x + slope * (py - u.y);
-                    from = from.min(x);
-                    to = to.max(x);
+                    from = if x < from { x } else { from };
+                    to = if x > to { x } else { to };
                 }
             }
             if from > to {
@@ -179,111 +186,101 @@ impl DepthMap {
             let z = za + (py - a.y) * dy + (from as f32 + 0.5 - a.x) * dx;
             let row = &mut self.texels[y * self.size + from..=y * self.size + to];
             for (k, texel) in row.iter_mut().enumerate() {
-                *texel = texel.min(k as f32 * dx + z);
-            }
-        }
-    }
-
-    /// Finds the ranges of the blocks after everything was drawn.
-    pub fn finish(&mut self) {
-        let across = self.size / BLOCK;
-        let finest = &mut self.levels[0];
-        for by in 0..across {
-            let row = &mut finest[by * across..(by + 1) * across];
-            row.fill(EMPTY);
-            for y in by * BLOCK..(by + 1) * BLOCK {
-                let texels = &self.texels[y * self.size..(y + 1) * self.size];
-                for (block, texels) in row.iter_mut().zip(texels.chunks_exact(BLOCK)) {
-                    let depths = |(lo, hi): (f32, f32), z: &f32| (lo.min(*z), hi.max(*z));
-                    let (lo, hi) = texels.iter().fold((block[0], block[1]), depths);
-                    *block = [lo, hi];
+                let z = k as f32 * dx + z;
+                if z < *texel {
+                    *texel = z;
                 }
             }
         }
-        for level in 1..self.levels.len() {
-            let (finer, coarser) = self.levels.split_at_mut(level);
-            join(&finer[level - 1], &mut coarser[0], across >> level);
-        }
-        let top = self.levels.last().map_or(EMPTY, |level| level[0]);
-        self.nearest_of_all = top[0];
     }
 
-    /// Distance of the nearest caster in the map; [`FAR`] without casters.
-    pub const fn nearest_of_all(&self) -> f32 {
-        self.nearest_of_all
+    /// Finds the ranges after everything was drawn.
+    #[inline(always)]
+    pub fn finish(&mut self) {
+        self.ranges.find(&self.texels);
     }
 
-    /// The range of distances in a rectangle or a little more; beyond the map there is no caster.
-    #[inline]
-    pub fn range(&self, low: Vec2, high: Vec2) -> Range {
-        // The finest level of which the rectangle touches at most 3×3 blocks.
-        let widest = (high - low).max_element() * (0.5 / BLOCK as f32);
-        let level = (widest as u32 + 1).next_power_of_two().trailing_zeros() as usize;
-        let level = level.min(self.levels.len() - 1);
-        let blocks = &self.levels[level];
-        let across = ((self.size / BLOCK) >> level) as i32;
-        let scale = 1.0 / (BLOCK << level) as f32;
-        let block = |x: f32| floor(x * scale);
-        let (x0, x1) = (block(low.x), block(high.x));
-        let (y0, y1) = (block(low.y), block(high.y));
-        let is_inside = x0 >= 0 && y0 >= 0 && x1 < across && y1 < across;
-        let mut range = Range {
-            nearest: FAR,
-            farthest: if is_inside { f32::NEG_INFINITY } else { FAR },
-        };
-        for y in y0.max(0)..=y1.min(across - 1) {
-            for x in x0.max(0)..=x1.min(across - 1) {
-                let [nearest, farthest] = blocks[(y * across + x) as usize];
-                range.nearest = range.nearest.min(nearest);
-                range.farthest = range.farthest.max(farthest);
-            }
-        }
-        range
+    /// Ranges of depth in squares of the map.
+    #[inline(always)]
+    pub const fn ranges(&self) -> &Ranges {
+        &self.ranges
     }
 
-    /// Distance in the texel that contains `at`.
-    #[inline]
-    pub fn nearest(&self, at: Vec2) -> f32 {
-        // The outermost texels are empty, so rounding towards zero is as good as down.
-        let (x, y) = (at.x as i32 as usize, at.y as i32 as usize);
-        if x >= self.size || y >= self.size {
-            return FAR;
-        }
-        self.texels[y * self.size + x]
+    /// Distances in the texels that contain points.
+    #[inline(always)]
+    pub fn nearest<S: Simd>(&self, simd: S, [x, y]: [S::f32s; 2]) -> S::f32s {
+        // The outermost texels are empty, as is what lies beyond.
+        let last = (self.size as i32 - 1) as f32;
+        let x = whole(simd, within(simd, x, last));
+        let y = whole(simd, within(simd, y, last));
+        gather(simd, &self.texels, self.index(simd, x, y))
     }
 
-    /// Share of the four texels about `at`, bilinearly weighted, that are not nearer to the light
-    /// than `depth`.
-    #[inline]
-    pub fn seen(&self, at: Vec2, depth: f32) -> f32 {
-        let corner = at - 0.5;
-        let (x, y) = (floor(corner.x), floor(corner.y));
-        let f = corner - Vec2::new(x as f32, y as f32);
-        let size = self.size as i32;
-        let open = |x: i32, y: i32| {
-            let inside = x >= 0 && y >= 0 && x < size && y < size;
-            let z = if inside {
-                self.texels[(y * size + x) as usize]
-            } else {
-                FAR
-            };
-            if z >= depth { 1.0 } else { 0.0 }
-        };
-        let top = open(x, y) * (1.0 - f.x) + open(x + 1, y) * f.x;
-        let bottom = open(x, y + 1) * (1.0 - f.x) + open(x + 1, y + 1) * f.x;
-        top * (1.0 - f.y) + bottom * f.y
+    #[inline(always)]
+    fn index<S: Simd>(&self, simd: S, x: S::f32s, y: S::f32s) -> S::f32s {
+        let rows = simd.splat_f32s(self.size as i32 as f32);
+        simd.add_f32s(simd.mul_f32s(y, rows), x)
+    }
+
+    /// Shares of the four texels about points, bilinearly weighted, that are not nearer to the
+    /// light than `depth`.
+    #[inline(always)]
+    pub fn seen<S: Simd>(&self, simd: S, [x, y]: [S::f32s; 2], depth: S::f32s) -> S::f32s {
+        let last = (self.size as i32 - 2) as f32;
+        let half = simd.splat_f32s(0.5);
+        let x = within(simd, simd.sub_f32s(x, half), last);
+        let y = within(simd, simd.sub_f32s(y, half), last);
+        let (x0, y0) = (below(simd, x), below(simd, y));
+        let (fx, fy) = (simd.sub_f32s(x, x0), simd.sub_f32s(y, y0));
+        let index = self.index(simd, x0, y0);
+        let top = self.seen_in_row(simd, index, fx, depth);
+        let rows = simd.splat_f32s(self.size as i32 as f32);
+        let bottom = self.seen_in_row(simd, simd.add_f32s(index, rows), fx, depth);
+        between(simd, top, bottom, fy)
+    }
+
+    /// The same of two texels each.
+    #[inline(always)]
+    fn seen_in_row<S: Simd>(&self, simd: S, index: S::f32s, f: S::f32s, depth: S::f32s) -> S::f32s {
+        let (zero, one) = (simd.splat_f32s(0.0), simd.splat_f32s(1.0));
+        let left = gather(simd, &self.texels, index);
+        let right = gather(simd, &self.texels, simd.add_f32s(index, one));
+        let left = simd.greater_than_or_equal_f32s(left, depth);
+        let right = simd.greater_than_or_equal_f32s(right, depth);
+        let left = simd.select_f32s(left, one, zero);
+        between(simd, left, simd.select_f32s(right, one, zero), f)
     }
 }
 
+/// Numbers limited to 0 to `last`.
+#[inline(always)]
+fn within<S: Simd>(simd: S, x: S::f32s, last: f32) -> S::f32s {
+    let x = simd.max_f32s(x, simd.splat_f32s(0.0));
+    simd.min_f32s(x, simd.splat_f32s(last))
+}
+
+/// The whole numbers below positive ones.
+#[inline(always)]
+fn below<S: Simd>(simd: S, x: S::f32s) -> S::f32s {
+    simd.max_f32s(whole(simd, x), simd.splat_f32s(0.0))
+}
+
+/// Linear interpolation.
+#[inline(always)]
+fn between<S: Simd>(simd: S, a: S::f32s, b: S::f32s, f: S::f32s) -> S::f32s {
+    let a = simd.mul_f32s(a, simd.sub_f32s(simd.splat_f32s(1.0), f));
+    simd.add_f32s(a, simd.mul_f32s(b, f))
+}
+
 /// The next integer below; the library's function is slow without SSE 4.1.
-#[inline]
-fn floor(x: f32) -> i32 {
+#[inline(always)]
+pub fn floor(x: f32) -> i32 {
     let whole = x as i32;
     whole.saturating_sub(i32::from(x < whole as f32))
 }
 
 /// The next integer above.
-#[inline]
+#[inline(always)]
 fn ceil(x: f32) -> i32 {
     let whole = x as i32;
     whole.saturating_add(i32::from(x > whole as f32))
@@ -303,12 +300,12 @@ mod tests {
             p(9.8, 8.6, 2.0),
             p(2.2, 8.6, 2.0),
         ];
-        map.draw(&corners, &[0, 1, 2, 0, 2, 3]);
+        map.draw(&corners, &[0, 1, 2, 0, 2, 3], false);
         map.finish();
         for y in 0..16 {
             for x in 0..16 {
                 let centre = Vec2::new(x as f32 + 0.5, y as f32 + 0.5);
-                let z = map.nearest(centre);
+                let z = map.nearest(pulp::Scalar::new(), centre.to_array());
                 let inside = centre.cmpgt(Vec2::new(2.2, 3.2)).all()
                     && centre.cmplt(Vec2::new(9.8, 8.6)).all();
                 if inside {
@@ -319,9 +316,9 @@ mod tests {
                 }
             }
         }
-        let all = map.range(Vec2::splat(0.0), Vec2::splat(15.9));
+        let all = map.ranges().of(Vec2::splat(0.0), Vec2::splat(15.9));
         assert!((all.nearest - 1.0).abs() < 0.1 && all.farthest == FAR);
-        let inner = map.range(Vec2::splat(-4.0), Vec2::splat(-1.0));
+        let inner = map.ranges().of(Vec2::splat(-4.0), Vec2::splat(-1.0));
         assert_eq!((inner.nearest, inner.farthest), (FAR, FAR));
     }
 
@@ -348,7 +345,8 @@ mod tests {
             view.project(points[0]),
             view.project(points[0] + along * 0.1),
         );
-        let change = view.slope(n).dot(to.0 - from.0);
+        let slope = view.slopes(pulp::Scalar::new(), n.to_array());
+        let change = Vec2::from_array(slope).dot(to.0 - from.0);
         assert!((change - (to.1 - from.1)).abs() < 1e-4);
     }
 }

@@ -70,7 +70,8 @@ impl Bounds {
         gap.max(Vec3::ZERO).length()
     }
 
-    fn extent(&self) -> f32 {
+    /// The longest side, metres.
+    pub fn extent(&self) -> f32 {
         (self.high - self.low).max_element()
     }
 }

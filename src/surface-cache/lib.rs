@@ -6,9 +6,15 @@ mod cache;
 mod casters;
 mod charts;
 mod depth_map;
+mod disc;
 mod indirect;
+mod lanes;
+mod lattice;
 mod layout;
+mod ranges;
 mod receivers;
+mod renewal;
+mod sampling;
 mod split;
 mod sums;
 #[cfg(test)]

@@ -1,7 +1,7 @@
 //! The surfaces that receive light, still and moving.
 
 use crate::layout::{Bounds, Layout, Receiver};
-use crate::texels::PageTexels;
+use crate::texels::{Cone, PageTexels};
 use glam::{DMat3, DMat4, Vec3};
 use penumbra_scene::{Part, Scene};
 use std::sync::Arc;
@@ -24,11 +24,23 @@ pub struct CachedPart {
     pub receiver: Receiver,
 }
 
-/// Bounds of the used texels of a page.
-pub fn bounds_of(texels: &PageTexels) -> Bounds {
-    let used = texels.positions.iter().zip(&texels.is_used);
-    let used = used.filter_map(|(p, used)| used.then_some(*p));
-    used.fold(Bounds::NOTHING, Bounds::with)
+/// What holds all used texels of a page.
+#[derive(Clone, Copy)]
+pub struct Extent {
+    pub bounds: Bounds,
+    pub normals: Cone,
+}
+
+impl Extent {
+    /// That of a page.
+    pub fn of(texels: &PageTexels) -> Self {
+        let used = texels.positions.iter().zip(&texels.is_used);
+        let used = used.filter_map(|(p, used)| used.then_some(*p));
+        Self {
+            bounds: used.fold(Bounds::NOTHING, Bounds::with),
+            normals: Cone::of(texels),
+        }
+    }
 }
 
 /// All surfaces that receive light, and the normals of their vertices.
@@ -118,7 +130,7 @@ impl MovingReceiver {
     }
 
     /// Moves its texels with the part to `world`.
-    pub fn place(&self, world: DMat4, texels: &mut [Arc<PageTexels>], bounds: &mut [Bounds]) {
+    pub fn place(&self, world: DMat4, texels: &mut [Arc<PageTexels>], extents: &mut [Extent]) {
         let moved = world * self.part_from_first_world;
         let turned = DMat3::from_mat4(moved).inverse().transpose();
         let turn = |n: Vec3| {
@@ -135,7 +147,7 @@ impl MovingReceiver {
                 *to = turn(*n);
             }
             page.plane = first.plane.map(turn);
-            bounds[*p] = bounds_of(page);
+            extents[*p] = Extent::of(page);
         }
     }
 }

@@ -31,6 +31,7 @@ impl Table {
     }
 
     /// Writes the irradiance on each texel of a page.
+    #[inline(always)]
     fn fill(&self, page: &PageTexels, to: &mut Channels) {
         if let Some(n) = page.plane {
             let value = self.on(n).to_array();
@@ -46,6 +47,7 @@ impl Table {
         }
     }
 
+    #[inline(always)]
     fn on(&self, n: Vec3) -> Vec3 {
         let q = n / (n.x.abs() + n.y.abs() + n.z.abs());
         let fold = |a: f32, b: f32| (1.0 - b.abs()) * if a >= 0.0 { 1.0 } else { -1.0 };
@@ -156,6 +158,7 @@ impl Sums {
         }
     }
 
+    #[inline(always)]
     fn clear(&mut self) {
         self.first = [[0.0; TEXELS]; 3];
         self.second = [[0.0; TEXELS]; 3];
@@ -164,6 +167,7 @@ impl Sums {
 
     /// Sums the light that virtual casters block on a real surface, and that which arrives; true if
     /// any is blocked.
+    #[inline(always)]
     pub fn real<'a>(
         &mut self,
         page: &PageTexels,
@@ -217,6 +221,7 @@ impl Sums {
     }
 
     /// Sums the light that remains on a virtual surface of a mean `albedo`.
+    #[inline(always)]
     pub fn remaining<'a>(
         &mut self,
         page: &PageTexels,
@@ -274,6 +279,7 @@ impl Sums {
 }
 
 /// The cosine to a direction on every texel, 0 behind.
+#[inline(always)]
 fn face(facing: &mut [f32; TEXELS], page: &PageTexels, direction: Vec3) {
     if let Some(n) = page.plane {
         facing.fill(n.dot(direction).max(0.0));
@@ -285,7 +291,7 @@ fn face(facing: &mut [f32; TEXELS], page: &PageTexels, direction: Vec3) {
 }
 
 /// Adds `colour` times the facing and a factor per texel.
-#[inline]
+#[inline(always)]
 fn add(sums: &mut Channels, facing: &[f32; TEXELS], colour: Vec3, factor: impl Fn(usize) -> f32) {
     let [r, g, b] = sums;
     for k in 0..TEXELS {
@@ -296,11 +302,13 @@ fn add(sums: &mut Channels, facing: &[f32; TEXELS], colour: Vec3, factor: impl F
     }
 }
 
+#[inline(always)]
 fn at(sums: &Channels, k: usize) -> Vec3 {
     Vec3::new(sums[0][k], sums[1][k], sums[2][k])
 }
 
 /// Converts sums to half floats, with 1 or `alpha` as their fourth channel.
+#[inline(always)]
 fn pack(
     sums: &Channels,
     alpha: Option<&[f32; TEXELS]>,
@@ -317,6 +325,7 @@ fn pack(
 
 /// Jimenez et al. 2016, eq. 10: the open share of the sky, corrected for interreflection between
 /// surfaces of one colour.
+#[inline(always)]
 fn with_bounces(open: Vec3, albedo: Vec3) -> Vec3 {
     let a = 2.0404 * albedo - 0.3324;
     let b = -4.7951 * albedo + 0.6417;

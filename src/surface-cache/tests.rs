@@ -1,6 +1,10 @@
 //! Tests of the cache against analytic light.
 
+use crate::casters::{Casters, Maps};
 use crate::layout::{BORDERED, PAGE, TABLE_WIDTH, TEXELS};
+use crate::receivers::Extent;
+use crate::renewal::{LightPages, PagesView, discs};
+use crate::visibility::{LitMap, Reach};
 use crate::{CacheOptions, Layer, SurfaceCache, SurfaceLight};
 use glam::{DMat4, DVec3, IVec2, Vec2, Vec3};
 use penumbra_lighting::{CubeMap, DomeLight, Harmonics, LightKind, Lighting};
@@ -275,4 +279,132 @@ fn a_scene_without_casters_has_no_pages() {
     assert_eq!(cache.page_count(), 0);
     update(&mut cache, &[light(Vec3::Z, 0.1)], 1, &[0]);
     assert_eq!(cache.shadowed().count(), 0);
+}
+
+/// A torus, lying `height` above a table, with the distance of any point from it.
+const TORUS: (f32, f32, f32) = (0.09, 0.03, 0.05);
+
+fn torus_over_table() -> Scene {
+    let (major, minor, height) = TORUS;
+    let torus = primitives::torus(major, minor, 225, 130);
+    let at = DVec3::new(0.0, 0.0, f64::from(height));
+    Scene {
+        virtual_parts: vec![part("torus", torus, at)],
+        phantom_parts: vec![part("table", primitives::plane(4.0, 4.0), DVec3::ZERO)],
+        ground_height: Some(0.0),
+        ..Scene::default()
+    }
+}
+
+/// Whether a ray meets the torus.
+fn is_hit(from: Vec3, direction: Vec3) -> bool {
+    let (major, minor, height) = TORUS;
+    let mut along = 0.0;
+    while along < 1.0 {
+        let p = from + direction * along - Vec3::Z * height;
+        let distance = Vec2::new(p.truncate().length() - major, p.z).length() - minor;
+        if distance < 1e-5 {
+            return true;
+        }
+        along += distance.max(1e-4);
+    }
+    false
+}
+
+/// The share of a light that a point of the table sees past the torus, by many rays.
+fn share_by_rays(at: Vec3, light: &DomeLight) -> f32 {
+    const RAYS: usize = 256;
+    let (a, b) = light.direction.any_orthonormal_pair();
+    let is_open = |k: &usize| {
+        let radius = light.angular_radius.tan() * ((*k as f32 + 0.5) / RAYS as f32).sqrt();
+        let off = Vec2::from_angle(2.399_963_2 * *k as f32) * radius;
+        !is_hit(at, (light.direction + a * off.x + b * off.y).normalize())
+    };
+    (0..RAYS).filter(is_open).count() as f32 / RAYS as f32
+}
+
+#[test]
+fn shadows_are_those_of_many_rays() {
+    let scene = torus_over_table();
+    let options = CacheOptions {
+        pages: 1500,
+        map_size: 512,
+        lights: 8,
+    };
+    let casters = penumbra_scene::casters(&scene);
+    let mut cache = SurfaceCache::new(&scene, &casters, &options);
+    for (generation, direction, angular_radius, kind) in [
+        (1, Vec3::new(0.2, 0.1, 1.0), 0.12, LightKind::Cell),
+        (2, Vec3::new(1.0, 0.4, 0.7), 0.12, LightKind::Cell),
+        (3, Vec3::new(0.2, -0.4, 1.0), 0.02, LightKind::Compact),
+    ] {
+        let light = DomeLight {
+            angular_radius,
+            kind,
+            ..light(direction, 0.1)
+        };
+        update(&mut cache, &[light], generation, &[0]);
+        let all = light.irradiance.x * light.direction.z;
+        let near = real_texels(&cache).into_iter().step_by(23);
+        let near = near.filter(|(p, ..)| p.truncate().length() < 0.3);
+        let mut errors: Vec<f32> = near
+            .map(|(p, _, lost, _)| (1.0 - lost.x / all - share_by_rays(p, &light)).abs())
+            .collect();
+        errors.sort_by(f32::total_cmp);
+        let mean = errors.iter().sum::<f32>() / errors.len() as f32;
+        let most = errors[errors.len() * 99 / 100];
+        println!(
+            "{kind:?} {direction}: {} texels, {mean} {most}",
+            errors.len()
+        );
+        assert!(mean < 0.012 && most < 0.17, "{direction}: {mean} {most}");
+    }
+}
+
+#[test]
+fn registers_of_any_width_give_the_same() {
+    let scene = torus_over_table();
+    let cache = cache(&scene);
+    let casters = Casters::new(&scene, &penumbra_scene::casters(&scene), 512);
+    let discs = discs();
+    let extents: Vec<Extent> = cache.texels.iter().map(|t| Extent::of(t)).collect();
+    let view = PagesView {
+        parts: &cache.parts,
+        layout: &cache.layout,
+        texels: &cache.texels,
+        extents: &extents,
+        casters: &casters,
+        discs: &discs,
+    };
+    let light = DomeLight {
+        kind: LightKind::Cell,
+        ..light(Vec3::new(0.5, 0.2, 1.0), 0.12)
+    };
+    let mut maps = Maps::new(512);
+    let mut kept = [0, 1].map(|_| LightPages::new(cache.page_count()));
+    let [widest, single] = &mut kept;
+    view.renew(widest, &light, &mut maps, false);
+    let (map, map_view) = casters.draw(light.direction, maps.of(false))[0].expect("casters");
+    let lit = LitMap {
+        map,
+        view: map_view,
+        to_light: light.direction,
+        spread: light.angular_radius.tan(),
+        disc: &discs[0],
+    };
+    let pages = (
+        0,
+        &mut single.seen[0][..],
+        &mut single.reach[0][..],
+        &mut single.is_touched[..],
+    );
+    view.find(pulp::Scalar::new(), Some(&lit), 0, pages);
+    assert!(widest.reach[0] == single.reach[0]);
+    for (p, reach) in widest.reach[0].iter().enumerate() {
+        let of = |kept: &LightPages| kept.seen[0][p * TEXELS..(p + 1) * TEXELS].to_vec();
+        assert!(
+            *reach == Reach::Open || of(widest) == of(single),
+            "page {p}"
+        );
+    }
 }

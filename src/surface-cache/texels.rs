@@ -103,6 +103,38 @@ impl PageTexels {
     }
 }
 
+/// A cone that holds all normals of a page.
+#[derive(Clone, Copy, Debug)]
+pub struct Cone {
+    axis: Vec3,
+    /// Sine of the angle between its axis and its surface, 1 for wider ones.
+    sine: f32,
+}
+
+impl Cone {
+    /// The cone about the used normals of a page.
+    pub fn of(page: &PageTexels) -> Self {
+        let normals = page.normals.iter().zip(&page.is_used);
+        let normals = normals.filter_map(|(n, used)| used.then_some(*n));
+        let axis = normals.clone().sum::<Vec3>().normalize_or_zero();
+        let cosine = normals.fold(1.0, |least: f32, n| least.min(n.dot(axis)));
+        let is_wide = cosine <= 0.0;
+        let sine = if is_wide {
+            1.0
+        } else {
+            (1.0 - cosine * cosine).max(0.0).sqrt()
+        };
+        Self { axis, sine }
+    }
+
+    /// Whether no surface with a normal in the cone faces a direction.
+    #[inline(always)]
+    pub fn is_behind(&self, direction: Vec3) -> bool {
+        const ROUNDING: f32 = 1e-5;
+        self.sine < 1.0 && self.axis.dot(direction) < -self.sine - ROUNDING
+    }
+}
+
 /// A triangle in texel coordinates.
 struct Flat {
     corners: [Vec2; 3],
