@@ -242,7 +242,7 @@ impl Compositor {
             pages: self
                 .surface_light
                 .as_ref()
-                .map(|light| light.pages().0.clone()),
+                .map(|light| light.pages().clone()),
         }
     }
 

@@ -77,10 +77,8 @@ impl Compositor {
         // The surfaces that the camera sees, real and virtual, and the light that each lacks,
         // looked up in shadow maps or on shadowing planes.
         let surfaces = p.record_surfaces(r, frame, scene, (self.variant, plan.covered), pictures);
-        let cache = self.surface_light.as_ref();
-        let to_cache = (&self.gpu.queue, &self.light_maps.uncached_group);
         let planes = self.planes.as_mut();
-        let sums = planes.and_then(|planes| planes.record(r, to_cache, cache));
+        let sums = planes.and_then(|planes| planes.record(r));
         let source = sums.unwrap_or(ShadowSource::Maps(dome));
         let shadows = p.record_shadows(r, frame, &source, surfaces, plan, pictures);
 

@@ -245,7 +245,10 @@ impl Compositor {
         self.scene.emitters.place(&self.gpu.queue, lamps);
         plan.covered = self.upload_cover(input, view, augmented && input.lighting.is_some());
         let stage = self.planes.as_mut().filter(|_| by_planes);
-        let lights = stage.map_or(lights, |stage| stage.shade(input, &mut uniform, lights));
+        let cache = (&self.gpu.queue, self.surface_light.as_ref());
+        let lights = stage.map_or(lights, |stage| {
+            stage.shade(input, &mut uniform, lights, cache)
+        });
         let slots = &self.slots;
         let each = lights.iter().enumerate().map(|(i, light)| {
             if by_planes || cached {
@@ -281,7 +284,7 @@ impl Compositor {
         self.chosen.clear();
         let seen = (input.lighting, input.world_from_camera);
         let planes = self.planes.as_ref().filter(|_| by_planes);
-        light.keep_apart(&self.gpu.device, by_planes);
+        light.keep_apart(by_planes);
         if let (true, (Some(lighting), Some(pose))) = (has_virtual, seen) {
             let surface_light = match planes {
                 None => SurfaceLight::new(lighting, lights, input.indirect_light),
