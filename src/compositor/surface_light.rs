@@ -8,7 +8,7 @@ use penumbra_interface::threads;
 use penumbra_lighting::{DomeLight, Harmonics};
 use penumbra_scene::IndirectLight;
 use penumbra_surface_cache::{
-    BORDERED, Bounds, ReceiverPage, SurfaceCache, SurfaceLight, TABLE_WIDTH,
+    BORDERED, Bounds, Layer, ReceiverPage, SurfaceCache, SurfaceLight, TABLE_WIDTH,
 };
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
@@ -166,14 +166,16 @@ pub struct CachedLight {
     /// Bounds of the shadowed pages that are in the atlas.
     shadowed: Vec<Bounds>,
     atlas: CacheAtlas,
-    /// Whether light is kept here only, because shadowing planes write the atlas.
+    /// Whether the atlas is left to shadowing planes.
     is_apart: bool,
     /// Whether all pages must be uploaded with the next update.
     is_overwritten: bool,
     /// Whether there is no light yet: the next update is made at once.
     is_empty: bool,
-    /// Number of updates.
-    updates: u64,
+    /// How often [`Self::renew`] has changed any visibility.
+    renewals: u64,
+    /// The number of lights of its last call, if `shadowed` is theirs.
+    renewed_lights: Option<usize>,
     /// One row of pages.
     staging: [Vec<[f16; 4]>; 2],
 }
@@ -217,7 +219,8 @@ impl CachedLight {
             is_apart: false,
             is_overwritten: true,
             is_empty: true,
-            updates: 0,
+            renewals: 0,
+            renewed_lights: None,
             staging: [(); 2].map(|()| vec![[f16::ZERO; 4]; WIDTH * BORDERED]),
         };
         if is_summed {
@@ -236,14 +239,38 @@ impl CachedLight {
         &self.atlas
     }
 
-    /// The light that is kept apart, if there is any, and the number of its update.
-    pub fn apart(&self) -> Option<(&SurfaceCache, u64)> {
+    /// The lights of [`Self::renew`], the cache with their visibility, and how often that has
+    /// changed.
+    pub fn apart(&self) -> Option<(&SurfaceCache, &[DomeLight], u64)> {
         let work = self.work.as_ref().filter(|_| self.is_apart)?;
-        (!work.light.lights.is_empty()).then_some((&work.cache, self.updates))
+        Some((&work.cache, &work.light.lights, self.renewals))
+    }
+
+    /// Has the visibility of the lights `renewed` among `lights` found again, for passes that sum
+    /// and write their light themselves.
+    pub fn renew(&mut self, lights: &[DomeLight], renewed: &[usize]) {
+        let Some(work) = &mut self.work else {
+            return;
+        };
+        work.light.lights.clear();
+        work.light.lights.extend_from_slice(lights);
+        if renewed.is_empty() && self.renewed_lights == Some(lights.len()) {
+            return;
+        }
+        work.cache.renew(lights, renewed);
+        self.renewals += 1;
+        self.renewed_lights = Some(lights.len());
+        let is_shadowed = |(page, number): &(&ReceiverPage, u32)| {
+            let is_real = matches!(page.layer, Layer::Phantom(_));
+            is_real && (0..lights.len()).any(|l| work.cache.seen(l, *number)[0].is_some())
+        };
+        let pages = self.pages.iter().zip(0..).filter(is_shadowed);
+        self.shadowed.clear();
+        self.shadowed.extend(pages.map(|(page, _)| page.bounds));
     }
 
     /// Keeps light out of the atlas from now on, because shadowing planes write it, or ends that.
-    /// Waits for an update that is under way: its light belongs to the other place.
+    /// Waits for an update that is under way: its light belongs to the other lights.
     pub fn keep_apart(&mut self, apart: bool) {
         if self.is_apart == apart {
             return;
@@ -255,6 +282,7 @@ impl CachedLight {
         }
         self.is_apart = apart;
         self.is_overwritten = true;
+        self.renewed_lights = None;
     }
 
     /// Moves a moving virtual part to `world`.
@@ -293,17 +321,10 @@ impl CachedLight {
             return;
         }
         work.light.keep(light);
-        if self.is_apart && light.lights.is_empty() {
-            self.shadowed.clear();
-            self.is_overwritten = true;
-            self.work = Some(work);
-            return;
-        }
         work.renewed.clear();
         work.renewed.extend_from_slice(renewed);
         let left = match &self.worker {
-            // Light that is kept apart must be as new as the light beside it; it has few lights.
-            Some(worker) if !self.is_empty && !self.is_apart => match worker.to.try_send(work) {
+            Some(worker) if !self.is_empty => match worker.to.try_send(work) {
                 Ok(()) => return,
                 Err(TrySendError::Full(work) | TrySendError::Disconnected(work)) => work,
             },
@@ -315,7 +336,7 @@ impl CachedLight {
         self.upload(queue);
     }
 
-    /// Uploads the rows of pages that have changed, unless light is kept apart.
+    /// Uploads the rows of pages that have changed.
     fn upload(&mut self, queue: &wgpu::Queue) {
         let Some(mut work) = self.work.take() else {
             return;
@@ -324,9 +345,8 @@ impl CachedLight {
         if std::mem::take(&mut self.is_overwritten) {
             work.changed.fill(true);
         }
-        self.updates += 1;
         for row in 0..work.changed.len() {
-            if std::mem::take(&mut work.changed[row]) && !self.is_apart {
+            if std::mem::take(&mut work.changed[row]) {
                 self.upload_row(queue, &work.cache, row);
             }
         }

@@ -1,6 +1,6 @@
 //! Irradiance by normal on an octahedron: the tables of the device, for what the processor lights.
 
-use glam::{Vec2, Vec3, Vec4};
+use glam::{UVec2, Vec2, Vec3, Vec4};
 
 /// RGB by normal, and 0.
 pub(super) struct NormalTable {
@@ -26,16 +26,22 @@ impl NormalTable {
     }
 
     /// Sums lights: directions towards them, and their irradiance on a surface that faces them.
-    pub fn fill(&mut self, lights: impl Iterator<Item = (Vec3, Vec3)> + Clone) {
+    pub fn sum(&mut self, lights: impl Iterator<Item = (Vec3, Vec3)> + Clone) {
+        self.fill(|n| {
+            let each = lights.clone();
+            let sum: Vec3 = each.map(|(l, s)| s * l.dot(n).max(0.0)).sum();
+            sum.extend(0.0)
+        });
+    }
+
+    /// Takes over what `irradiance` is for each normal.
+    pub fn fill(&mut self, irradiance: impl Fn(Vec3) -> Vec4) {
         let step = 2.0 / (self.side - 1) as f32;
         let rows = self.texels.chunks_exact_mut(self.side).zip(0_u16..);
         for (row, y) in rows {
             for (texel, x) in row.iter_mut().zip(0_u16..) {
                 let at = Vec2::new(f32::from(x), f32::from(y)) * step - 1.0;
-                let n = normal_from_octahedron(at);
-                let each = lights.clone();
-                let sum: Vec3 = each.map(|(l, s)| s * l.dot(n).max(0.0)).sum();
-                *texel = sum.extend(0.0);
+                *texel = irradiance(normal_from_octahedron(at));
             }
         }
     }
@@ -43,11 +49,10 @@ impl NormalTable {
     /// Place of the normal `n`.
     pub fn place(&self, n: Vec3) -> Place {
         let at = (octahedron_from_normal(n) * 0.5 + 0.5) * (self.side - 1) as f32;
-        let last = (self.side - 2) as f32;
-        let low = at.floor().clamp(Vec2::ZERO, Vec2::splat(last));
+        let low = at.as_uvec2().min(UVec2::splat(self.side as u32 - 2));
         Place {
-            first: (low.y as usize * self.side + low.x as usize) as u32,
-            part: at - low,
+            first: low.y * self.side as u32 + low.x,
+            part: at - low.as_vec2(),
         }
     }
 
@@ -56,11 +61,6 @@ impl NormalTable {
         let (first, part) = (place.first as usize, place.part);
         let row = |first: usize| self.texels[first].lerp(self.texels[first + 1], part.x);
         row(first).lerp(row(first + self.side), part.y)
-    }
-
-    /// Irradiance on a surface with normal `n`.
-    pub fn on(&self, n: Vec3) -> Vec4 {
-        self.at(self.place(n))
     }
 }
 

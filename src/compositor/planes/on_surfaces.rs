@@ -55,8 +55,8 @@ pub(super) struct SurfacePlanes {
 /// Generation of a frame's light, and whether compact sources are left out of it.
 type LightOfFaces = (u64, bool);
 
-/// The light of a frame, its shading, the generation of the indirect light and the number of the
-/// update of the light that is kept apart.
+/// The light of a frame, its shading, the generation of the indirect light, and how often the
+/// visibility of compact sources has changed.
 type Written = (LightOfFaces, PlaneShading, u64, u64);
 
 /// How surfaces are lit in a frame.
@@ -141,16 +141,14 @@ impl SurfacePlanes {
             depths: &self.depths,
             side: self.side,
         };
-        let served = ServedPages::new(&planes, pages.clone());
+        let served = ServedPages::new(&planes, pages.clone(), &self.open);
         self.planes.iter_mut().for_each(PlaneSums::forget);
         let one = self.side * self.side;
-        for (is_real, look_ups) in served.look_ups() {
-            for look_up in look_ups.iter().filter(|l| l.weight > 0.0) {
-                let first = look_up.first as usize;
-                let plane = first / one + if is_real { 0 } else { self.real };
-                for texel in [first, first + 1, first + self.side, first + self.side + 1] {
-                    self.planes[plane].need(texel % one);
-                }
+        for (is_real, look_up) in served.look_ups() {
+            let first = look_up.first as usize;
+            let plane = first / one + if is_real { 0 } else { self.real };
+            for texel in [first, first + 1, first + self.side, first + self.side + 1] {
+                self.planes[plane].need(texel % one);
             }
         }
         self.served = Some(served);
@@ -159,14 +157,13 @@ impl SurfacePlanes {
     }
 
     /// Sums basis images under the light of a frame; `leaves_sources`: without compact sources.
-    pub fn sum(
-        &mut self,
-        light: (&FaceLight, u64),
-        leaves_sources: bool,
-        thresholds: Thresholds,
-    ) {
+    pub fn sum(&mut self, light: (&FaceLight, u64), leaves_sources: bool, thresholds: Thresholds) {
         let (light, generation) = light;
-        self.left_sources = if leaves_sources { light.sources.len() } else { 0 };
+        self.left_sources = if leaves_sources {
+            light.sources.len()
+        } else {
+            0
+        };
         let wanted = Some(((generation, leaves_sources), thresholds));
         if self.summed_for == wanted {
             self.work = PlaneWork {
@@ -180,7 +177,7 @@ impl SurfacePlanes {
         self.summed_for = wanted;
         self.sum_faces(light, leaves_sources);
         let faces = self.faces.iter().copied();
-        self.asum.fill(faces.zip(self.luminance.iter().copied()));
+        self.asum.sum(faces.zip(self.luminance.iter().copied()));
         let lights = FaceLights {
             faces: &self.faces,
             luminance: &self.luminance,
@@ -189,7 +186,9 @@ impl SurfacePlanes {
         let limits = thresholds.limits(self.faces.len());
         let (images, one) = (self.images.as_slice(), self.side * self.side);
         let [of_real, of_virtual] = &mut self.shares;
-        let shares = of_real.chunks_mut(2 * one).chain(of_virtual.chunks_mut(one));
+        let shares = of_real
+            .chunks_mut(2 * one)
+            .chain(of_virtual.chunks_mut(one));
         let jobs = self.planes.iter_mut().zip(shares);
         threads::for_each(jobs.collect(), |(plane, shares)| {
             plane.update(lights, limits, images, shares);
@@ -239,8 +238,8 @@ impl SurfacePlanes {
         };
         let apart = cache.apart();
         let indirect = frame.indirect.map_or(0, |light| light.generation);
-        let update = apart.map_or(0, |(_, update)| update);
-        let now = Some((light, frame.shading, indirect, update));
+        let renewals = apart.map_or(0, |(_, _, renewals)| renewals);
+        let now = Some((light, frame.shading, indirect, renewals));
         if self.written_for != now {
             self.written_for = now;
             self.open.fill(frame.uniform, frame.lights, light.1);
@@ -251,7 +250,7 @@ impl SurfacePlanes {
             shares: &self.shares,
             side: self.side,
             indirect: frame.indirect,
-            apart: apart.map(|(cache, _)| cache),
+            apart: apart.map(|(cache, lights, _)| (cache, lights)),
         };
         served.write(queue, viewer, &light, cache.atlas());
     }

@@ -5,7 +5,6 @@ use super::normal_table::{NormalTable, Place, normal_from_octahedron};
 use super::options::Limits;
 use glam::{Vec2, Vec3, Vec4};
 use penumbra_scene::planes::{Basis, Image, Layer, Receiver, ReceiverImage, ShadowingPlane};
-use pulp::Arch;
 use std::collections::HashMap;
 
 /// Texels that are summed at a time; their sums stay in the first cache.
@@ -160,10 +159,7 @@ impl PlaneSums {
         self.plan(lights.luminance, limits);
         if self.job.is_due {
             self.sum_by_normal(lights);
-            Arch::new().dispatch(
-                #[inline(always)]
-                || self.sum_blocks(images, shares),
-            );
+            self.sum_blocks(images, shares);
         }
     }
 
@@ -256,7 +252,6 @@ impl PlaneSums {
     }
 
     /// Sums the stored images block by block.
-    #[inline(always)]
     fn sum_blocks(&mut self, images: &[u8], shares: &mut [Vec4]) {
         let (one, kinds) = (self.normal_of.len(), self.kinds);
         let blocks = self.normal_of.chunks(BLOCK);
@@ -271,10 +266,18 @@ impl PlaneSums {
                 }
                 for some in self.changes[kind].stored.chunks(AT_ONCE) {
                     // Those that lack are the first one again, without light.
-                    let image = |k: usize| some.get(k).copied().unwrap_or((some[0].0, Vec3::ZERO));
-                    let each = [image(0), image(1), image(2), image(3)];
-                    let texels = each.map(|(i, _)| &images[i as usize * one + first..][..n]);
-                    add(lost, texels, each.map(|(_, s)| s.to_array()));
+                    let mut texels = [&images[..0]; AT_ONCE];
+                    let mut light = [[0.0; 3]; AT_ONCE];
+                    for k in 0..AT_ONCE {
+                        let (image, s) = some[if k < some.len() { k } else { 0 }];
+                        texels[k] = &images[image as usize * one + first..][..n];
+                        light[k] = if k < some.len() {
+                            s.to_array()
+                        } else {
+                            [0.0; 3]
+                        };
+                    }
+                    add(lost, texels, light);
                 }
                 let to = shares[kind..].iter_mut().step_by(kinds);
                 share(lost, kind, normal_of, &self.normals, to);
@@ -291,15 +294,17 @@ impl Changes {
 }
 
 /// Adds images, each times its light, to the sums of a block.
-#[inline(always)]
 fn add(lost: &mut [f32], images: [&[u8]; AT_ONCE], light: [[f32; 3]; AT_ONCE]) {
     let n = lost.len() / 3;
     let (r, rest) = lost.split_at_mut(n);
     let (g, b) = rest.split_at_mut(n);
-    let [i0, i1, i2, i3] = images.map(|image| &image[..n]);
+    let [i0, i1, i2, i3] = images;
+    let (i0, i1, i2, i3) = (&i0[..n], &i1[..n], &i2[..n], &i3[..n]);
     let [s0, s1, s2, s3] = light;
+    // Written out for the compiler's vectors.
     for k in 0..n {
-        let [t0, t1, t2, t3] = [i0[k], i1[k], i2[k], i3[k]].map(f32::from);
+        let (t0, t1) = (f32::from(i0[k]), f32::from(i1[k]));
+        let (t2, t3) = (f32::from(i2[k]), f32::from(i3[k]));
         r[k] += (t0 * s0[0] + t1 * s1[0]) + (t2 * s2[0] + t3 * s3[0]);
         g[k] += (t0 * s0[1] + t1 * s1[1]) + (t2 * s2[1] + t3 * s3[1]);
         b[k] += (t0 * s0[2] + t1 * s1[2]) + (t2 * s2[2] + t3 * s3[2]);
@@ -308,7 +313,6 @@ fn add(lost: &mut [f32], images: [&[u8]; AT_ONCE], light: [[f32; 3]; AT_ONCE]) {
 
 /// Fraction of the possible light that arrives at each texel of a block; 1 where there is no light
 /// to lose.
-#[inline(always)]
 fn share<'a>(
     lost: &[f32],
     kind: usize,
@@ -319,10 +323,9 @@ fn share<'a>(
     let n = normal_of.len();
     let (r, rest) = lost.split_at(n);
     let (g, b) = rest.split_at(n);
-    let lost = r.iter().zip(g).zip(b).zip(normal_of);
-    for (share, (((r, g), b), normal)) in shares.zip(lost) {
-        let by = &normals[*normal as usize];
-        let lost = Vec4::new(*r, *g, *b, 0.0) + by.black[kind];
+    for (k, share) in shares.take(n).enumerate() {
+        let by = &normals[normal_of[k] as usize];
+        let lost = Vec4::new(r[k], g[k], b[k], 0.0) + by.black[kind];
         *share = (Vec4::ONE - lost * by.inverse).clamp(Vec4::ZERO, Vec4::ONE);
     }
 }

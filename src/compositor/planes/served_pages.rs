@@ -1,18 +1,19 @@
 //! The pages of a scene's surface cache with the planes that serve them.
 
 use super::super::surface_light::{CacheAtlas, ROW, WIDTH};
-use super::choice::{Planes, Served, choose};
-use super::page_light::{Channels, OpenLight, PageLight, Texels};
+use super::choice::{LookUp, Planes, Served, choose};
+use super::page_light::{Channels, Compact, OpenLight, PageLight, PageNormal, ServedTexel};
 use super::visible_pages::{Cone, Viewer, may_see};
-use glam::Vec4;
+use glam::{Vec3, Vec4};
 use half::f16;
 use half::slice::HalfFloatSliceExt;
 use penumbra_interface::threads;
+use penumbra_lighting::DomeLight;
 use penumbra_scene::IndirectLight;
 use penumbra_surface_cache::{
     BORDERED, Bounds, Layer, ReceiverPage, SurfaceCache, TEXELS, fill_indirect,
 };
-use pulp::Arch;
+use std::collections::HashMap;
 use std::sync::Arc;
 
 /// Texels in a row of pages.
@@ -31,7 +32,9 @@ pub(super) struct ServedPages {
 /// A page, and how far its light is up to date.
 struct ServedPage {
     cone: Cone,
-    served: Vec<Served>,
+    normals: Vec<PageNormal>,
+    /// Those that are read.
+    texels: Vec<ServedTexel>,
     is_stale: bool,
     /// Whether its light is written in this frame.
     is_due: bool,
@@ -48,30 +51,22 @@ pub(super) struct FrameLight<'a> {
     /// Texels along a side of a plane.
     pub side: usize,
     pub indirect: Option<&'a IndirectLight>,
-    /// The surface cache with the light of compact sources, where planes leave it out.
-    pub apart: Option<&'a SurfaceCache>,
+    /// The compact sources that planes leave out, and the surface cache with their visibility.
+    pub apart: Option<(&'a SurfaceCache, &'a [DomeLight])>,
 }
 
 impl ServedPages {
     /// Chooses the planes of all texels. May run on any thread.
-    pub fn new(planes: &Planes<'_>, pages: Arc<[ReceiverPage]>) -> Self {
+    pub fn new(planes: &Planes<'_>, pages: Arc<[ReceiverPage]>, open: &OpenLight) -> Self {
         let served = choose(planes, &pages);
-        let is_served = |texels: &[Served]| texels.iter().flatten().any(|l| l.weight > 0.0);
-        let each = pages.iter().zip(&served);
-        let bounds = each.filter(|(page, served)| is_real(page) && is_served(served));
-        let bounds = bounds.map(|(page, _)| page.bounds).collect();
-        let state = |(page, served): (&ReceiverPage, Vec<Served>)| ServedPage {
-            cone: Cone::of(page),
-            served,
-            is_stale: true,
-            is_due: false,
-            generation: 0,
-            indirect: Vec::new(),
-        };
+        let each = pages.iter().zip(served);
+        let each: Vec<_> = each.map(|(p, s)| ServedPage::new(p, s, open)).collect();
+        let bounds = pages.iter().zip(&each);
+        let bounds = bounds.filter(|(page, state)| is_real(page) && state.look_ups().count() > 0);
         let texels = pages.len().div_ceil(ROW) * ROW_TEXELS;
         Self {
-            bounds,
-            each: pages.iter().zip(served).map(state).collect(),
+            bounds: bounds.map(|(page, _)| page.bounds).collect(),
+            each,
             texels: [(); 2].map(|()| vec![[f16::ZERO; 4]; texels]),
             pages,
         }
@@ -88,9 +83,9 @@ impl ServedPages {
     }
 
     /// The look-ups of all texels, with whether they are on real surfaces.
-    pub fn look_ups(&self) -> impl Iterator<Item = (bool, &Served)> {
+    pub fn look_ups(&self) -> impl Iterator<Item = (bool, &LookUp)> {
         let each = self.pages.iter().zip(&self.each);
-        each.flat_map(|(page, state)| state.served.iter().map(|served| (is_real(page), served)))
+        each.flat_map(|(page, state)| state.look_ups().map(|l| (is_real(page), l)))
     }
 
     /// Has the light of every page written again before it is seen.
@@ -154,26 +149,27 @@ impl FrameLight<'_> {
         (first, second): (&mut [[f16; 4]], &mut [[f16; 4]]),
     ) {
         let mut light = [[0.0; 4 * TEXELS]; 2];
-        let mut compact = light;
+        let mut compact = [Compact::default(); TEXELS];
         let mut half = [f16::ZERO; 4 * TEXELS];
-        let each = pages.iter().zip(states).enumerate();
-        for (column, (page, state)) in each.filter(|(_, (_, state))| state.is_due) {
+        let each = pages.iter().zip(states).zip(number..).enumerate();
+        for (column, ((page, state), number)) in each.filter(|(_, ((_, s), _))| s.is_due) {
             state.renew_indirect(self.indirect, page);
-            if let Some(cache) = self.apart {
-                let (first, second) = cache.page(number + column as u32);
-                for (to, from) in compact.iter_mut().zip([first, second]) {
-                    from.as_flattened().convert_to_f32_slice(to);
-                }
-            }
+            self.sum_compact(number, state, &mut compact);
             let kinds = if is_real(page) { 2 } else { 1 };
             let of_page = PageLight {
                 open: self.open,
+                normals: &state.normals,
                 shares: &self.shares[2 - kinds],
                 side: self.side,
                 indirect: &state.indirect,
-                compact: self.apart.map(|_| &compact),
+                compact: &compact,
             };
-            of_page.fill(page, &state.served, &mut light);
+            light.as_flattened_mut().fill(0.0);
+            if is_real(page) {
+                of_page.on_real(&state.texels, &mut light);
+            } else {
+                of_page.on_virtual(&state.texels, &mut light[0]);
+            }
             let both = light.iter().zip([&mut *first, &mut *second]);
             for (light, row) in both.take(kinds) {
                 half.convert_from_f32_slice(light);
@@ -185,30 +181,58 @@ impl FrameLight<'_> {
             }
         }
     }
-}
 
-impl PageLight<'_> {
-    fn fill(&self, page: &ReceiverPage, served: &[Served], light: &mut [Texels; 2]) {
-        Arch::new().dispatch(
-            #[inline(always)]
-            || {
-                if is_real(page) {
-                    self.on_real(&page.texels, served, light);
-                } else {
-                    self.on_virtual(&page.texels, served, &mut light[0]);
-                }
-                for value in light.as_flattened_mut() {
-                    *value = value.min(MAX);
-                }
-            },
-        );
+    /// Sums the light of compact sources on a page.
+    fn sum_compact(&self, number: u32, page: &ServedPage, sums: &mut [Compact; TEXELS]) {
+        let Some((cache, lights)) = self.apart else {
+            return;
+        };
+        let none = Compact::default();
+        let used = page.texels.iter().map(|texel| usize::from(texel.at));
+        used.for_each(|k| sums[k] = none);
+        let texels = (page.normals.as_slice(), page.texels.as_slice());
+        for (i, light) in lights.iter().enumerate() {
+            Compact::add(sums, texels, light, cache.seen(i, number));
+        }
     }
 }
 
-/// Maximum of what is kept in half floats.
-const MAX: f32 = 60_000.0;
-
 impl ServedPage {
+    fn new(page: &ReceiverPage, served: Vec<Served>, open: &OpenLight) -> Self {
+        let mut normals = Vec::new();
+        let mut known: HashMap<[u32; 3], u16> = HashMap::new();
+        let mut number = |n: Vec3| {
+            *known
+                .entry(n.to_array().map(f32::to_bits))
+                .or_insert_with(|| {
+                    normals.push(open.normal(n));
+                    normals.len() as u16 - 1
+                })
+        };
+        let each = served.into_iter().zip(&page.texels.normals).zip(0..);
+        let used = each.zip(&page.texels.is_used).filter(|(_, used)| **used);
+        let texel = |(((planes, n), at), _): (((Served, &Vec3), u16), &bool)| ServedTexel {
+            at,
+            normal: number(*n),
+            planes,
+        };
+        let texels = used.map(texel).collect();
+        Self {
+            cone: Cone::of(page),
+            normals,
+            texels,
+            is_stale: true,
+            is_due: false,
+            generation: 0,
+            indirect: Vec::new(),
+        }
+    }
+
+    fn look_ups(&self) -> impl Iterator<Item = &LookUp> {
+        let each = self.texels.iter().flat_map(|texel| &texel.planes);
+        each.filter(|l| l.weight > 0.0)
+    }
+
     /// Brings the indirect light up to date; done when it changes, because it costs more than all
     /// else.
     fn renew_indirect(&mut self, light: Option<&IndirectLight>, page: &ReceiverPage) {

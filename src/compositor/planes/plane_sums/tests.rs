@@ -8,7 +8,7 @@ use super::super::options::Thresholds;
 use super::super::readback::read_buffer;
 use super::super::synthesis::{Synthesis, SynthesisPasses};
 use super::*;
-use glam::{DMat4, DVec2, DVec3};
+use glam::{DMat4, DVec2, DVec3, DVec4};
 use half::f16;
 use penumbra_lighting::geodesic::GeodesicDome;
 use penumbra_scene::planes::{Bake, BakeSettings};
@@ -84,9 +84,8 @@ fn random_bake() -> Bake {
 
 /// Clip space from the world above the planes, and the eye.
 fn viewer() -> (DMat4, DVec3) {
-    let eye = DVec3::new(0.0, 0.0, 5.0);
-    let view = DMat4::look_at_rh(eye, DVec3::ZERO, DVec3::Y);
-    (DMat4::perspective_infinite_reverse_rh(1.0, 1.0, 0.1) * view, eye)
+    let clip_from_world = DMat4::from_cols(DVec4::X, DVec4::Y, DVec4::ZERO, 5.0 * DVec4::W);
+    (clip_from_world, 5.0 * DVec3::Z)
 }
 
 /// The sums on the device.
@@ -118,8 +117,13 @@ impl OnDevice {
         let rows = storage(device, queue, "luminance", &rows);
         let mut encoder = device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
         let mut timer = Timer::new(device, queue, false);
-        self.synthesis
-            .record(device, &mut encoder, &mut timer, &self.passes, (&rows, true));
+        self.synthesis.record(
+            device,
+            &mut encoder,
+            &mut timer,
+            &self.passes,
+            (&rows, true),
+        );
         let read = self.synthesis.shares.each_ref().map(|view| {
             let size = view.texture().size();
             let bytes = 8 * ONE as u64 * u64::from(size.depth_or_array_layers);
@@ -156,17 +160,24 @@ fn sums_and_differences_equal_those_of_the_device() {
     let mut planes: Vec<PlaneSums> = (0..3)
         .map(|k| {
             let basis = &bake.images[40 * k..][..40];
-            PlaneSums::new(&bake.planes[k], &bake.receivers[k], (basis, &faces), (SIDE, &asum))
+            PlaneSums::new(
+                &bake.planes[k],
+                &bake.receivers[k],
+                (basis, &faces),
+                (SIDE, &asum),
+            )
         })
         .collect();
     let mut shares = [2, 2, 1].map(|kinds| vec![Vec4::ZERO; kinds * ONE]);
-    planes.iter_mut().for_each(|p| (0..ONE).for_each(|t| p.need(t)));
+    planes
+        .iter_mut()
+        .for_each(|p| (0..ONE).for_each(|t| p.need(t)));
     let mut random = noise(3);
     let mut luminance: Vec<Vec3> = (0..40)
         .map(|_| Vec3::new(random(), random(), random()))
         .collect();
     for step in 0..4 {
-        asum.fill(faces.iter().copied().zip(luminance.iter().copied()));
+        asum.sum(faces.iter().copied().zip(luminance.iter().copied()));
         let lights = FaceLights {
             faces: &faces,
             luminance: &luminance,
@@ -209,7 +220,10 @@ fn planes_that_serve_nothing_are_not_summed() {
     let mut shares = vec![Vec4::ZERO; ONE];
     let mut update = |plane: &mut PlaneSums| {
         plane.update(lights, EXACT.limits(40), &bake.texels, &mut shares);
-        (plane.job.is_due, shares.iter().filter(|s| **s != Vec4::ZERO).count())
+        (
+            plane.job.is_due,
+            shares.iter().filter(|s| **s != Vec4::ZERO).count(),
+        )
     };
     assert_eq!(update(&mut plane), (false, 0));
     plane.need(BLOCK + 1);
