@@ -24,7 +24,7 @@ use super::textures::FrameTexture;
 use super::timing::Timer;
 use penumbra_camera::Response;
 use penumbra_interface::RigidTransform;
-use penumbra_lighting::{DomeLight, Harmonics};
+use penumbra_lighting::DomeLight;
 use penumbra_picture::Picture;
 use penumbra_scene::planes::Bake;
 use penumbra_scene::{Part, Scene};
@@ -66,9 +66,8 @@ pub struct Compositor {
     /// Light that is kept on surfaces, if the settings want that.
     pub(crate) surface_light: Option<CachedLight>,
     pub(crate) newest_light: NewestLight,
-    /// Compact lights that shadowing planes leave to it, and the light of everything else.
+    /// Compact lights that shadowing planes leave to it.
     pub(crate) compact_lights: Vec<DomeLight>,
-    pub(crate) no_irradiance: Harmonics,
     /// Tiles of the picture with shadows on real surfaces, by the surface cache.
     pub(crate) shadow_tiles: Vec<[u32; 4]>,
     pub(crate) shadow_maps: DomeShadowMaps,
@@ -120,7 +119,6 @@ impl Compositor {
             surface_light: None,
             newest_light: NewestLight::default(),
             compact_lights: Vec::new(),
-            no_irradiance: Harmonics::default(),
             shadow_tiles: Vec::new(),
             shadow_maps: DomeShadowMaps::new(device, map_size, settings.light_budget),
             slots: ShadowSlots::with_tolerance(if settings.cached { TURNED } else { 0.0 }),
@@ -242,7 +240,7 @@ impl Compositor {
             pages: self
                 .surface_light
                 .as_ref()
-                .map(|light| light.pages().0.clone()),
+                .map(|light| light.pages().clone()),
         }
     }
 

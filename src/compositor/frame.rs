@@ -76,10 +76,8 @@ impl Compositor {
         p.lamp_map.record(r, scene, &self.light_maps.lamps);
 
         // Basis images under this frame's light.
-        let cache = self.surface_light.as_ref();
-        let to_cache = (&self.gpu.queue, &self.light_maps.uncached_group);
         let planes = self.planes.as_mut();
-        let sums = planes.and_then(|planes| planes.record(r, to_cache, cache));
+        let sums = planes.and_then(|planes| planes.record(r));
 
         // The surfaces that the camera sees, real and virtual, and the light that each lacks,
         // looked up in the surface cache, in shadow maps or on shadowing planes.

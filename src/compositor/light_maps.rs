@@ -17,7 +17,7 @@ use half::f16;
 use penumbra_scene::{IndirectLight, PlacedLamp};
 
 /// Texels a side of the tables of irradiance by normal.
-const BY_NORMAL: u32 = 33;
+pub const BY_NORMAL: u32 = 33;
 
 /// The bindings of the frame, in the order of [`FrameParts::group`].
 const FRAME_SLOTS: [Slot; 14] = [
@@ -41,14 +41,11 @@ const FRAME_SLOTS: [Slot; 14] = [
 pub struct LightMaps {
     pub frame_layout: wgpu::BindGroupLayout,
     pub frame_group: wgpu::BindGroup,
-    /// The same without the surface cache, for passes that write it.
-    pub uncached_group: wgpu::BindGroup,
     pub gloss: GlossMaps,
     indirect: IndirectLightMaps,
     pub lamps: LampMaps,
     screens: wgpu::TextureView,
     cache: CacheTextures,
-    no_cache: CacheTextures,
     frame: wgpu::Buffer,
     lights: wgpu::Buffer,
     /// Irradiance by normal, of all lights and of compact sources.
@@ -99,8 +96,6 @@ impl LightMaps {
         };
         let frame_group = parts.group(device, &frame_layout);
         Self {
-            uncached_group: frame_group.clone(),
-            no_cache: CacheTextures::none(device),
             frame_layout,
             frame_group,
             gloss: GlossMaps::new(device),
@@ -193,8 +188,6 @@ impl LightMaps {
             cache: &self.cache,
         };
         self.frame_group = parts.group(device, &self.frame_layout);
-        let cache = &self.no_cache;
-        self.uncached_group = FrameParts { cache, ..parts }.group(device, &self.frame_layout);
     }
 
     /// Uploads the light that virtual objects reflect onto the real scene.

@@ -256,7 +256,10 @@ impl Compositor {
         plan.covered = self.upload_cover(input, view, augmented && input.lighting.is_some());
         plan.cleared = self.cover.rectangle_to_clear();
         let stage = self.planes.as_mut().filter(|_| by_planes);
-        let lights = stage.map_or(lights, |stage| stage.shade(input, &mut uniform, lights));
+        let cache = (&self.gpu.queue, self.surface_light.as_ref());
+        let lights = stage.map_or(lights, |stage| {
+            stage.shade(input, &mut uniform, lights, cache)
+        });
         let slots = &self.slots;
         let each = lights.iter().enumerate().map(|(i, light)| {
             if by_planes || cached {
@@ -271,9 +274,9 @@ impl Compositor {
         Ok(plan)
     }
 
-    /// Brings the light of the dome's `lights` on surfaces up to date, `by_planes` that of compact
-    /// sources alone, if planes leave them out; and finds the tiles of the picture in which surfaces
-    /// show shadows.
+    /// Brings the light of the dome's `lights` on surfaces up to date, `by_planes` the visibility of
+    /// compact sources alone, if planes leave them out; and finds the tiles of the picture in which
+    /// surfaces show shadows.
     fn update_surface_light(
         &mut self,
         input: &FrameInput<'_>,
@@ -292,28 +295,29 @@ impl Compositor {
         self.chosen.clear();
         let seen = (input.lighting, input.world_from_camera);
         let planes = self.planes.as_ref().filter(|_| by_planes);
-        light.keep_apart(&self.gpu.device, by_planes);
+        light.keep_apart(by_planes);
         if let (true, (Some(lighting), Some(pose))) = (has_virtual, seen) {
-            let surface_light = match planes {
-                None => SurfaceLight::new(lighting, lights, input.indirect_light),
-                Some(planes) => {
-                    let left = lights.iter().filter(|_| planes.leaves_sources(input));
-                    let compact = left.filter(|light| light.kind == LightKind::Compact);
-                    self.compact_lights.clear();
-                    self.compact_lights.extend(compact);
-                    SurfaceLight::only(lighting, &self.compact_lights, &self.no_irradiance)
-                }
-            };
+            let surface_light = SurfaceLight::new(lighting, lights, input.indirect_light);
             if self.settings.cache_in_background
                 && let Ok(mut newest) = self.newest_light.try_lock()
             {
                 newest.get_or_insert_default().keep(&surface_light);
             }
             if light.collect(queue) {
-                let size = self.settings.map_size();
-                self.slots
-                    .schedule(surface_light.lights, size, input.refresh, &mut self.chosen);
-                light.update(queue, &surface_light, &self.chosen);
+                let compact = &mut self.compact_lights;
+                let lights = planes.map_or(lights, |planes| {
+                    let left = lights.iter().filter(|_| planes.leaves_sources(input));
+                    compact.clear();
+                    compact.extend(left.filter(|light| light.kind == LightKind::Compact));
+                    compact
+                });
+                let (size, chosen) = (self.settings.map_size(), &mut self.chosen);
+                self.slots.schedule(lights, size, input.refresh, chosen);
+                if by_planes {
+                    light.renew(lights, chosen);
+                } else {
+                    light.update(queue, &surface_light, chosen);
+                }
             }
             let clip_from_world = view.clip_from_world(pose.inverse().to_matrix());
             let margin = rolling_shutter_margin(input, view);

@@ -87,7 +87,7 @@ impl Variant {
 }
 
 /// The shaders of a frame: name, and the parts of their text in order.
-const FRAME_SHADERS: [(&str, &[&str]); 17] = [
+const FRAME_SHADERS: [(&str, &[&str]); 16] = [
     (
         "shadow_map",
         &[FRAME, include_str!("shaders/shadow_map.wgsl")],
@@ -158,16 +158,6 @@ const FRAME_SHADERS: [(&str, &[&str]); 17] = [
             AREA_LAMPS,
             PLANES,
             include_str!("shaders/planes_shadow.wgsl"),
-        ],
-    ),
-    (
-        "planes_surface",
-        &[
-            FRAME,
-            NORMAL,
-            TABLE_BY_NORMAL,
-            IRRADIANCE,
-            include_str!("shaders/planes_surface.wgsl"),
         ],
     ),
     (
@@ -285,7 +275,7 @@ const FRAME_SHADERS: [(&str, &[&str]); 17] = [
 
 /// The text of every shader of a frame for `variant`, by name.
 #[must_use]
-pub fn all(variant: Variant) -> [(&'static str, String); 17] {
+pub fn all(variant: Variant) -> [(&'static str, String); 16] {
     FRAME_SHADERS.map(|(name, parts)| (name, for_variant(join(parts), variant)))
 }
 

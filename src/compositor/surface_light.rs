@@ -8,51 +8,40 @@ use penumbra_interface::threads;
 use penumbra_lighting::{DomeLight, Harmonics};
 use penumbra_scene::IndirectLight;
 use penumbra_surface_cache::{
-    BORDERED, Bounds, ReceiverPage, SurfaceCache, SurfaceLight, TABLE_WIDTH,
+    BORDERED, Bounds, Layer, ReceiverPage, SurfaceCache, SurfaceLight, TABLE_WIDTH,
 };
+use std::sync::Arc;
 use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
-use std::sync::{Arc, OnceLock};
 
 /// Pages in a row of the atlas, a power of two; twin of `PAGES_LOG`.
 pub const ROW: usize = 64;
 /// Texels in a row of the atlas.
-const WIDTH: usize = ROW * BORDERED;
-
-/// Width and height of an atlas of so many pages, texels.
-pub fn atlas_size(pages: usize) -> (usize, usize) {
-    (WIDTH, pages.div_ceil(ROW).max(1) * BORDERED)
-}
-
-/// The pages of a scene's cache.
-pub struct AtlasPages {
-    /// By number.
-    pub each: Vec<ReceiverPage>,
-    apart: OnceLock<CacheAtlas>,
-}
-
-impl AtlasPages {
-    /// An atlas for light that is kept apart from the rest, in the arrangement of the other.
-    pub fn apart(&self, device: &wgpu::Device) -> &CacheAtlas {
-        let none = wgpu::TextureUsages::empty();
-        self.apart
-            .get_or_init(|| CacheAtlas::new(device, self.each.len(), none))
-    }
-}
+pub const WIDTH: usize = ROW * BORDERED;
 
 /// The textures in which the light on all pages lies.
-pub struct CacheAtlas {
-    textures: [wgpu::Texture; 2],
-    pub views: [wgpu::TextureView; 2],
-}
+pub struct CacheAtlas([wgpu::Texture; 2]);
 
 impl CacheAtlas {
-    fn new(device: &wgpu::Device, pages: usize, usage: wgpu::TextureUsages) -> Self {
-        let (width, height) = atlas_size(pages);
-        let size = (width as u32, height as u32);
-        let textures = [(); 2].map(|()| texture(device, size, format::LIGHT, usage));
-        Self {
-            views: textures.each_ref().map(view_of),
-            textures,
+    fn new(device: &wgpu::Device, pages: usize) -> Self {
+        let size = (WIDTH as u32, (pages.div_ceil(ROW).max(1) * BORDERED) as u32);
+        let none = wgpu::TextureUsages::empty();
+        Self([(); 2].map(|()| texture(device, size, format::LIGHT, none)))
+    }
+
+    /// Uploads `count` pages of `row` from the one in `column` on; `texels` of both textures are
+    /// those of the whole row.
+    pub fn upload(
+        &self,
+        queue: &wgpu::Queue,
+        row: usize,
+        (column, count): (usize, usize),
+        texels: [&[[f16; 4]]; 2],
+    ) {
+        let place = [column, row, count].map(|pages| (pages * BORDERED) as u32);
+        for (texture, texels) in self.0.iter().zip(texels) {
+            let texels = &texels[column * BORDERED..];
+            let bytes = bytemuck::cast_slice(texels);
+            write(queue, texture, (place, BORDERED as u32), bytes, 8);
         }
     }
 }
@@ -173,18 +162,20 @@ pub struct CachedLight {
     worker: Option<Worker>,
     /// Placements of moving parts that came while the worker had the cache.
     placed: Vec<(usize, DMat4)>,
-    pages: Arc<AtlasPages>,
+    pages: Arc<[ReceiverPage]>,
     /// Bounds of the shadowed pages that are in the atlas.
     shadowed: Vec<Bounds>,
     atlas: CacheAtlas,
-    /// Whether light is kept apart, because other passes write the atlas.
+    /// Whether the atlas is left to shadowing planes.
     is_apart: bool,
     /// Whether all pages must be uploaded with the next update.
     is_overwritten: bool,
     /// Whether there is no light yet: the next update is made at once.
     is_empty: bool,
-    /// Number of uploads.
-    uploads: u64,
+    /// How often [`Self::renew`] has changed any visibility.
+    renewals: u64,
+    /// The number of lights of its last call, if `shadowed` is theirs.
+    renewed_lights: Option<usize>,
     /// One row of pages.
     staging: [Vec<[f16; 4]>; 2],
 }
@@ -198,21 +189,19 @@ impl CachedLight {
         in_background: bool,
     ) -> (Self, CacheTextures) {
         let is_summed = cache.is_summed();
-        let pages = AtlasPages {
-            each: cache.receiver_pages(),
-            apart: OnceLock::new(),
-        };
-        let count = pages.each.len();
-        let atlas = CacheAtlas::new(device, count, wgpu::TextureUsages::RENDER_ATTACHMENT);
+        let pages: Arc<[ReceiverPage]> = cache.receiver_pages().into();
+        let count = pages.len();
+        let atlas = CacheAtlas::new(device, count);
         let cells = cache.table();
         let cell_rows = cells.len() as u32 / TABLE_WIDTH;
         let only_read = wgpu::TextureUsages::empty();
         let cells_across = (TABLE_WIDTH, cell_rows);
         let table = texture(device, cells_across, format::PAGE_TABLE, only_read);
-        write(queue, &table, 0, cell_rows, bytemuck::cast_slice(&cells), 4);
+        let place = ([0, 0, TABLE_WIDTH], cell_rows);
+        write(queue, &table, place, bytemuck::cast_slice(&cells), 4);
         let textures = CacheTextures {
             table: view_of(&table),
-            atlas: atlas.views.clone(),
+            atlas: atlas.0.each_ref().map(view_of),
         };
         let work = Work {
             cache,
@@ -225,12 +214,13 @@ impl CachedLight {
             worker: in_background.then(Worker::start).flatten(),
             placed: Vec::new(),
             shadowed: Vec::with_capacity(count),
-            pages: Arc::new(pages),
+            pages,
             atlas,
             is_apart: false,
             is_overwritten: true,
             is_empty: true,
-            uploads: 0,
+            renewals: 0,
+            renewed_lights: None,
             staging: [(); 2].map(|()| vec![[f16::ZERO; 4]; WIDTH * BORDERED]),
         };
         if is_summed {
@@ -239,15 +229,49 @@ impl CachedLight {
         (cached, textures)
     }
 
-    /// The pages, the atlas, and how often light was uploaded into it or into the one that is kept
-    /// apart.
-    pub const fn pages(&self) -> (&Arc<AtlasPages>, &CacheAtlas, u64) {
-        (&self.pages, &self.atlas, self.uploads)
+    /// The pages by number, as they lay when the cache was made.
+    pub const fn pages(&self) -> &Arc<[ReceiverPage]> {
+        &self.pages
     }
 
-    /// Keeps light in [`AtlasPages::apart`] from now on, because other passes write the atlas, or
-    /// ends that. Waits for an update that is under way: its light belongs to the other place.
-    pub fn keep_apart(&mut self, device: &wgpu::Device, apart: bool) {
+    /// The atlas.
+    pub const fn atlas(&self) -> &CacheAtlas {
+        &self.atlas
+    }
+
+    /// The lights of [`Self::renew`], the cache with their visibility, and how often that has
+    /// changed.
+    pub fn apart(&self) -> Option<(&SurfaceCache, &[DomeLight], u64)> {
+        let work = self.work.as_ref().filter(|_| self.is_apart)?;
+        Some((&work.cache, &work.light.lights, self.renewals))
+    }
+
+    /// Has the visibility of the lights `renewed` among `lights` found again, for passes that sum
+    /// and write their light themselves.
+    pub fn renew(&mut self, lights: &[DomeLight], renewed: &[usize]) {
+        let Some(work) = &mut self.work else {
+            return;
+        };
+        work.light.lights.clear();
+        work.light.lights.extend_from_slice(lights);
+        if renewed.is_empty() && self.renewed_lights == Some(lights.len()) {
+            return;
+        }
+        work.cache.renew(lights, renewed);
+        self.renewals += 1;
+        self.renewed_lights = Some(lights.len());
+        let is_shadowed = |(page, number): &(&ReceiverPage, u32)| {
+            let is_real = matches!(page.layer, Layer::Phantom(_));
+            is_real && (0..lights.len()).any(|l| work.cache.seen(l, *number)[0].is_some())
+        };
+        let pages = self.pages.iter().zip(0..).filter(is_shadowed);
+        self.shadowed.clear();
+        self.shadowed.extend(pages.map(|(page, _)| page.bounds));
+    }
+
+    /// Keeps light out of the atlas from now on, because shadowing planes write it, or ends that.
+    /// Waits for an update that is under way: its light belongs to the other lights.
+    pub fn keep_apart(&mut self, apart: bool) {
         if self.is_apart == apart {
             return;
         }
@@ -256,9 +280,9 @@ impl CachedLight {
         {
             self.work = Some(work);
         }
-        self.pages.apart(device);
         self.is_apart = apart;
         self.is_overwritten = true;
+        self.renewed_lights = None;
     }
 
     /// Moves a moving virtual part to `world`.
@@ -300,8 +324,7 @@ impl CachedLight {
         work.renewed.clear();
         work.renewed.extend_from_slice(renewed);
         let left = match &self.worker {
-            // Light that is kept apart must be as new as the light beside it; it has few lights.
-            Some(worker) if !self.is_empty && !self.is_apart => match worker.to.try_send(work) {
+            Some(worker) if !self.is_empty => match worker.to.try_send(work) {
                 Ok(()) => return,
                 Err(TrySendError::Full(work) | TrySendError::Disconnected(work)) => work,
             },
@@ -322,7 +345,6 @@ impl CachedLight {
         if std::mem::take(&mut self.is_overwritten) {
             work.changed.fill(true);
         }
-        self.uploads += 1;
         for row in 0..work.changed.len() {
             if std::mem::take(&mut work.changed[row]) {
                 self.upload_row(queue, &work.cache, row);
@@ -334,7 +356,7 @@ impl CachedLight {
     }
 
     fn upload_row(&mut self, queue: &wgpu::Queue, cache: &SurfaceCache, row: usize) {
-        let last = self.pages.each.len().min((row + 1) * ROW);
+        let last = self.pages.len().min((row + 1) * ROW);
         for number in row * ROW..last {
             let (first, second) = cache.page(number as u32);
             let at = (number - row * ROW) * BORDERED;
@@ -345,12 +367,8 @@ impl CachedLight {
                 }
             }
         }
-        let (y, height) = ((row * BORDERED) as u32, BORDERED as u32);
-        let apart = self.pages.apart.get().filter(|_| self.is_apart);
-        let atlas = apart.unwrap_or(&self.atlas);
-        for (texture, staging) in atlas.textures.iter().zip(&self.staging) {
-            write(queue, texture, y, height, bytemuck::cast_slice(staging), 8);
-        }
+        let [first, second] = &self.staging;
+        self.atlas.upload(queue, row, (0, ROW), [first, second]);
     }
 
     /// Bounds of the pages of real surfaces on which something is in shadow.
@@ -429,12 +447,12 @@ fn view_of(texture: &wgpu::Texture) -> wgpu::TextureView {
     texture.create_view(&wgpu::TextureViewDescriptor::default())
 }
 
-/// Uploads `height` rows of a texture from row `y` on.
+/// Uploads a rectangle of a texture: left, top and width, and height. `texels` are rows of the
+/// texture's width that begin with the rectangle's first texel.
 fn write(
     queue: &wgpu::Queue,
     texture: &wgpu::Texture,
-    y: u32,
-    height: u32,
+    ([x, y, width], height): ([u32; 3], u32),
     texels: &[u8],
     texel_bytes: u32,
 ) {
@@ -442,17 +460,17 @@ fn write(
         wgpu::TexelCopyTextureInfo {
             texture,
             mip_level: 0,
-            origin: wgpu::Origin3d { x: 0, y, z: 0 },
+            origin: wgpu::Origin3d { x, y, z: 0 },
             aspect: wgpu::TextureAspect::All,
         },
         texels,
         wgpu::TexelCopyBufferLayout {
             offset: 0,
             bytes_per_row: Some(texel_bytes * texture.width()),
-            rows_per_image: Some(height),
+            rows_per_image: None,
         },
         wgpu::Extent3d {
-            width: texture.width(),
+            width,
             height,
             depth_or_array_layers: 1,
         },

@@ -58,19 +58,6 @@ impl<'a> SurfaceLight<'a> {
         }
     }
 
-    /// The light of `lights` alone, some of those of `lighting`; `none` is no irradiance.
-    #[must_use]
-    pub fn only(lighting: &Lighting, lights: &'a [DomeLight], none: &'a Harmonics) -> Self {
-        Self {
-            // Another light than the whole of `lighting`.
-            generation: !lighting.generation,
-            irradiance: none,
-            ground_radiance: Vec3::ZERO,
-            lights,
-            indirect: None,
-        }
-    }
-
     /// Generations of the light and of the indirect light.
     fn generations(&self) -> (u64, u64) {
         (self.generation, self.indirect.map_or(0, |l| l.generation))
@@ -211,7 +198,7 @@ impl SurfaceCache {
     /// pages up to date with `light`; returns the pages that have changed. Lights that are not
     /// renewed cast the shadows of the direction for which their visibility was found.
     pub fn update(&mut self, light: &SurfaceLight<'_>, renewed: &[usize]) -> &[u32] {
-        self.renew(light, renewed);
+        self.renew(light.lights, renewed);
         let wanted = light.generations();
         if self.summed != Some(wanted) {
             self.is_changed.fill(true);
@@ -225,7 +212,9 @@ impl SurfaceCache {
         &self.changed
     }
 
-    fn renew(&mut self, light: &SurfaceLight<'_>, renewed: &[usize]) {
+    /// Finds the visibility of the lights `renewed` among `lights` again, and leaves the sums to a
+    /// later update.
+    pub fn renew(&mut self, lights: &[DomeLight], renewed: &[usize]) {
         let view = PagesView {
             parts: &self.parts,
             layout: &self.layout,
@@ -237,7 +226,7 @@ impl SurfaceCache {
         let mut jobs: Vec<(&mut LightPages, &DomeLight)> = self
             .lights
             .iter_mut()
-            .zip(light.lights)
+            .zip(lights)
             .enumerate()
             .filter_map(|(i, job)| renewed.contains(&i).then_some(job))
             .collect();
@@ -288,6 +277,14 @@ impl SurfaceCache {
         threads::for_each(pages.chunks_mut(CHUNK).collect(), |chunk| {
             pulp::Arch::new().dispatch(Summing { view: &view, chunk });
         });
+    }
+
+    /// Share of light `light`, as a number from 0 to 255, that each texel of a page sees past virtual casters, and
+    /// past phantoms; `None` where all see it.
+    #[must_use]
+    pub fn seen(&self, light: usize, page: u32) -> [Option<&[u8; TEXELS]>; 2] {
+        let kept = self.lights.get(light);
+        kept.map_or([None; 2], |kept| kept.seen_on(page as usize))
     }
 
     /// The sums of a page, row by row with its border: on real surfaces the light that virtual

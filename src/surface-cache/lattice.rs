@@ -61,7 +61,7 @@ impl<'a, S: Simd> Lattice<'a, S> {
         }
     }
 
-    /// Finds the visible share of the light, in 255ths, on all texels of the page.
+    /// Finds the visible share of the light, as a number from 0 to 255, on all texels of the page.
     #[inline(always)]
     pub fn fill(&mut self, seen: &mut [u8]) {
         self.corners(|x, y| x % 2 == 0 && y % 2 == 0, 1);
@@ -210,14 +210,14 @@ impl<'a, S: Simd> Lattice<'a, S> {
         for group in self.pending[..self.pending_count].chunks(S::F32_LANES) {
             self.lit.at(self.simd, self.page, group, &how, &mut looks);
             for (k, look) in group.iter().zip(looks) {
-                seen[usize::from(*k)] = in_255ths(look.share);
+                seen[usize::from(*k)] = in_bytes(look.share);
             }
         }
     }
 }
 
 #[inline(always)]
-fn in_255ths(share: f32) -> u8 {
+fn in_bytes(share: f32) -> u8 {
     (share * 255.0 + 0.5) as u8
 }
 
@@ -258,7 +258,7 @@ impl Patch {
         let ([x0, y0], [x1, y1], end) = (self.low, self.high, self.end());
         let [top, bottom] = self.corners.map(|row| row.map(|look| look.share));
         if top == bottom && top[0] == top[1] {
-            let share = in_255ths(top[0]);
+            let share = in_bytes(top[0]);
             for y in y0..end[1] {
                 seen[y * BORDERED + x0..y * BORDERED + end[0]].fill(share);
             }
@@ -270,7 +270,7 @@ impl Patch {
             let right = top[1] + (bottom[1] - top[1]) * fy;
             for (x, seen) in (x0..).zip(&mut seen[y * BORDERED + x0..y * BORDERED + end[0]]) {
                 let fx = (x - x0) as f32 / (x1 - x0) as f32;
-                *seen = in_255ths(left + (right - left) * fx);
+                *seen = in_bytes(left + (right - left) * fx);
             }
         }
     }

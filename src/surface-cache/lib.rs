@@ -23,7 +23,8 @@ mod texels;
 mod visibility;
 
 pub use cache::{CacheOptions, ReceiverPage, SurfaceCache, SurfaceLight};
-pub use layout::{BORDERED, Bounds, PAGE, TABLE_WIDTH};
+pub use indirect::fill as fill_indirect;
+pub use layout::{BORDERED, Bounds, PAGE, TABLE_WIDTH, TEXELS};
 pub use receivers::Layer;
 pub use split::{CacheVertex, SplitMesh};
 pub use texels::PageTexels;

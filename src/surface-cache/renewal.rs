@@ -42,14 +42,19 @@ impl LightPages {
         }
     }
 
-    /// The light on page `p`, if it is blocked there anywhere.
-    pub fn on_page<'a>(&'a self, p: usize, light: &'a DomeLight) -> Option<PageLight<'a>> {
-        let of = |which: usize| {
+    /// What each texel of page `p` sees past virtual casters, and past phantoms; `None` where all see
+    /// the light.
+    pub fn seen_on(&self, p: usize) -> [Option<&[u8; TEXELS]>; 2] {
+        [0, 1].map(|which| {
             let seen = self.seen[which].get(p * TEXELS..(p + 1) * TEXELS)?;
             let is_partial = self.reach[which][p] == Reach::Partial;
             is_partial.then(|| seen.try_into().ok()).flatten()
-        };
-        let (past_virtual, past_phantoms) = (of(0), of(1));
+        })
+    }
+
+    /// The light on page `p`, if it is blocked there anywhere.
+    pub fn on_page<'a>(&'a self, p: usize, light: &'a DomeLight) -> Option<PageLight<'a>> {
+        let [past_virtual, past_phantoms] = self.seen_on(p);
         let is_blocked = past_virtual.is_some() || past_phantoms.is_some();
         (is_blocked && light.irradiance != Vec3::ZERO).then_some(PageLight {
             light,

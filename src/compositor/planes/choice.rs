@@ -4,7 +4,6 @@
 use super::receiver::MAX_DEPTH_CODE;
 use super::visible_planes::VisiblePlane;
 use glam::{Vec2, Vec3, Vec4, Vec4Swizzles};
-use half::f16;
 use penumbra_interface::threads;
 use penumbra_scene::planes::ReceiverImage;
 use penumbra_surface_cache::{Layer, ReceiverPage};
@@ -20,9 +19,18 @@ pub(super) struct Planes<'a> {
     pub side: usize,
 }
 
-/// A plane that serves a texel: coordinates on it, its layer, its weight; for each of two planes.
-/// What their weights lack to 1 is unshadowed.
-pub(super) type Served = [[f16; 4]; 2];
+/// A plane that serves a texel, as a look-up between four of the plane's texels.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(super) struct LookUp {
+    /// The first of the four among the texels of all planes of the layer.
+    pub first: u32,
+    /// Share of the way to the others, right and down.
+    pub part: [f32; 2],
+    pub weight: f32,
+}
+
+/// The two planes of a texel. What their weights lack to 1 is unshadowed.
+pub(super) type Served = [LookUp; 2];
 
 /// Pages that a thread serves at a time.
 const CHUNK: usize = 32;
@@ -53,13 +61,13 @@ impl Planes<'_> {
             Layer::Phantom(_) => 0..self.real,
             Layer::Virtual(_) => self.real..self.all.len(),
         };
-        let near: Vec<usize> = layer.filter(|k| self.may_serve(*k, page)).collect();
+        let near: Vec<usize> = layer.clone().filter(|k| self.may_serve(*k, page)).collect();
         let texels = page.texels.positions.iter().zip(&page.texels.normals);
         let texels = texels.zip(&page.texels.is_used);
         texels
             .map(|((p, n), used)| {
                 if *used {
-                    self.serve_point(&near, *p, *n)
+                    self.serve_point(&near, layer.start, (*p, *n))
                 } else {
                     Served::default()
                 }
@@ -83,7 +91,7 @@ impl Planes<'_> {
             && overlaps(plane.behind, -tolerance, plane.normal[3] + tolerance)
     }
 
-    fn serve_point(&self, near: &[usize], p: Vec3, n: Vec3) -> Served {
+    fn serve_point(&self, near: &[usize], first_plane: usize, (p, n): (Vec3, Vec3)) -> Served {
         let mut best = [Candidate::default(); 3];
         let mut covered = 0.0_f32;
         for k in near {
@@ -106,9 +114,26 @@ impl Planes<'_> {
         } else {
             [1.0, 0.0]
         };
-        let served = [(first, shares[0]), (second, shares[1])];
-        served
-            .map(|(c, share)| [c.at.x, c.at.y, c.plane as f32, share * covered].map(f16::from_f32))
+        [(first, shares[0]), (second, shares[1])].map(|(c, share)| {
+            let plane = c.plane.saturating_sub(first_plane);
+            self.look_up(plane, c.at, share * covered)
+        })
+    }
+
+    /// The look-up `at` a point of a plane of a layer, not beyond the centres of its outer texels.
+    fn look_up(&self, plane: usize, at: Vec2, weight: f32) -> LookUp {
+        if weight <= 0.0 {
+            return LookUp::default();
+        }
+        let last = (self.side - 1) as f32;
+        let at = (at * self.side as f32 - 0.5).clamp(Vec2::ZERO, Vec2::splat(last));
+        let low = at.floor().min(Vec2::splat(last - 1.0));
+        let first = (plane * self.side + low.y as usize) * self.side + low.x as usize;
+        LookUp {
+            first: first as u32,
+            part: (at - low).to_array(),
+            weight,
+        }
     }
 
     /// How far a point is from the border of plane `k`, 0 to 1, and the plane's weight there;

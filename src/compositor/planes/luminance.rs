@@ -48,8 +48,6 @@ pub struct LuminancePass {
     membership: Option<Arc<Membership>>,
     generation: Option<u64>,
     tables: Tables,
-    /// Whether compact sources are left out; only where the sums are computed on the CPU.
-    without_sources: bool,
     /// Whether an upload is pending that [`Self::record`] has not yet processed or reported.
     due: bool,
     /// Buffers of the sums on the CPU: as computed, and in the layout of the device.
@@ -134,18 +132,9 @@ impl LuminancePass {
             membership: None,
             generation: None,
             tables: Tables::default(),
-            without_sources: false,
             due: false,
             sums: Vec::new(),
             rows: Vec::new(),
-        }
-    }
-
-    /// Leaves compact sources out of the faces, or leaves them in; only for sums on the CPU.
-    pub fn leave_sources_out(&mut self, out: bool) {
-        if self.without_sources != out {
-            self.without_sources = out;
-            self.generation = None;
         }
     }
 
@@ -191,12 +180,6 @@ impl LuminancePass {
     /// Computes the sums on the CPU and uploads them.
     fn sum_on_cpu(&mut self, device: &wgpu::Device, queue: &wgpu::Queue, light: &FaceLight) {
         sum_faces_into(light, &mut self.sums);
-        let sources = light.sources.iter().filter(|_| self.without_sources);
-        for (face, irradiance) in sources.flat_map(|source| &source.irradiance_in_faces) {
-            if let Some(sum) = self.sums.get_mut(*face as usize) {
-                *sum = (*sum - irradiance).max(Vec3::ZERO);
-            }
-        }
         let mut rows = std::mem::take(&mut self.rows);
         rows.clear();
         rows.extend(self.sums.iter().map(|s| s.extend(0.0).to_array()));

@@ -10,18 +10,27 @@ pub mod baker;
 mod receiver;
 mod repair;
 
-// In each frame: the light of the faces, the images of compact sources, the sums.
+// In each frame, on the device: the light of the faces, the images of compact sources, the sums.
 mod atlas;
-mod choice;
 pub mod luminance;
-mod on_surfaces;
+mod on_pixels;
 mod source_bake;
 mod source_images;
 mod source_slots;
 mod source_stage;
 mod source_targets;
-pub(crate) mod stage;
 pub mod synthesis;
+
+// The same on the processor, where it is the device: sums, and their light on surfaces.
+mod choice;
+mod normal_table;
+mod on_surfaces;
+mod page_light;
+mod plane_sums;
+mod served_pages;
+mod visible_pages;
+
+pub(crate) mod stage;
 mod uploader;
 mod visible_planes;
 

@@ -25,6 +25,33 @@ impl Default for Thresholds {
     }
 }
 
+/// The papers' number of lights, to which [`Thresholds::skip_below`] refers: of more lights, each
+/// contributes less.
+const PAPERS_LIGHTS: f32 = 40.0;
+
+/// Thresholds for a number of lights; shares of the total light that a plane receives.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(super) struct Limits {
+    /// Lights that contribute less are skipped.
+    pub skip_below: f32,
+    /// A plane is not recomputed while its light deviates by less.
+    pub recompute_above: f32,
+    /// Lights that deviate by less are not updated together with the others; their sum deviates by
+    /// at most the threshold again.
+    pub min_change: f32,
+}
+
+impl Thresholds {
+    pub(super) fn limits(self, lights: usize) -> Limits {
+        let lights = lights.max(1) as f32;
+        Limits {
+            skip_below: self.skip_below * PAPERS_LIGHTS / lights,
+            recompute_above: self.recompute_above,
+            min_change: self.recompute_above / lights,
+        }
+    }
+}
+
 /// How planes are used in a frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct PlanesChoice {

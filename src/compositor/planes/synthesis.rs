@@ -19,10 +19,6 @@ use penumbra_lighting::geodesic::GeodesicDome;
 use penumbra_scene::planes::{Bake, Basis, Image, Layer, Receiver, ShadowingPlane};
 use wgpu::BufferUsages as U;
 
-/// The papers' number of lights, to which [`Thresholds::skip_below`] refers: of more lights, each
-/// contributes less.
-const PAPERS_LIGHTS: f32 = 40.0;
-
 /// Twin of WGSL `Settings` in `lib/sum_planes.wgsl`.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
@@ -155,6 +151,9 @@ pub struct Synthesis {
     plane_group: wgpu::BindGroup,
     shown_group: wgpu::BindGroup,
     by_normal: wgpu::TextureView,
+    /// What pixels look up.
+    #[cfg(test)]
+    pub(super) shares: [wgpu::TextureView; 2],
     visible: Vec<u32>,
     uploaded: Option<Settings>,
 }
@@ -309,6 +308,8 @@ impl Synthesis {
             buffers,
             shown_group,
             by_normal,
+            #[cfg(test)]
+            shares,
             uploaded: None,
         })
     }
@@ -344,23 +345,15 @@ impl Synthesis {
         self.visible_planes.place(planes, world_from_bake);
     }
 
-    /// All planes, and the number of those of the real layer, which come first.
-    pub(super) fn planes(&self) -> (Vec<VisiblePlane>, usize) {
-        (self.visible_planes.all(), self.settings.real as usize)
-    }
-
-    /// Determines the planes that are visible in the view `clip_from_world` from `eye`, or takes
-    /// all without a `view`, and uploads them.
+    /// Determines the planes that are visible in the view `clip_from_world` from `eye`, and uploads
+    /// them.
     pub fn prepare(
         &mut self,
         queue: &wgpu::Queue,
-        view: Option<(DMat4, DVec3)>,
+        (clip_from_world, eye): (DMat4, DVec3),
         thresholds: Thresholds,
     ) {
-        let seen = match view {
-            Some((clip, eye)) => self.visible_planes.find_visible(clip, eye),
-            None => self.visible_planes.show_all(),
-        };
+        let seen = self.visible_planes.find_visible(clip_from_world, eye);
         for (flag, seen) in self.visible.iter_mut().zip(seen) {
             *flag = u32::from(*seen);
         }
@@ -378,13 +371,11 @@ impl Synthesis {
                 bytemuck::cast_slice::<VisiblePlane, u8>(each),
             );
         }
-        let lights = self.dome_lights.max(1) as f32;
+        let limits = thresholds.limits(self.dome_lights as usize);
         let settings = Settings {
-            skip_below: thresholds.skip_below * PAPERS_LIGHTS / lights,
-            recompute_above: thresholds.recompute_above,
-            // Lights that deviate by less are not updated together with the others; their sum
-            // deviates by at most the threshold again.
-            min_change: thresholds.recompute_above / lights,
+            skip_below: limits.skip_below,
+            recompute_above: limits.recompute_above,
+            min_change: limits.min_change,
             ..self.settings
         };
         if self.uploaded != Some(settings) {
@@ -540,7 +531,9 @@ fn half_floats(device: &wgpu::Device, side: u32, layers: u32) -> wgpu::TextureVi
         sample_count: 1,
         dimension: wgpu::TextureDimension::D2,
         format: wgpu::TextureFormat::Rgba16Float,
-        usage: wgpu::TextureUsages::STORAGE_BINDING | wgpu::TextureUsages::TEXTURE_BINDING,
+        usage: wgpu::TextureUsages::STORAGE_BINDING
+            | wgpu::TextureUsages::TEXTURE_BINDING
+            | wgpu::TextureUsages::COPY_SRC,
         view_formats: &[],
     });
     texture.create_view(&wgpu::TextureViewDescriptor {

@@ -2,10 +2,10 @@
 
 use super::super::gpu::{Gpu, GpuError};
 use super::super::shaders::Variant;
-use super::super::surface_light::AtlasPages;
 use super::source_images::SourceBaker;
 use super::stage::PlanesStage;
 use penumbra_scene::planes::Bake;
+use penumbra_surface_cache::ReceiverPage;
 use std::sync::Arc;
 
 /// Prepares bakes for [`crate::Compositor::show_planes`] of the compositor that returned it.
@@ -16,7 +16,7 @@ pub struct PlanesUploader {
     /// The variant of frames.
     pub(crate) variant: Variant,
     /// The surface cache of the scene, if there is one.
-    pub(crate) pages: Option<Arc<AtlasPages>>,
+    pub(crate) pages: Option<Arc<[ReceiverPage]>>,
 }
 
 impl PlanesUploader {
@@ -33,13 +33,13 @@ impl PlanesUploader {
     ) -> Result<PlanesStage, GpuError> {
         let by_cache = self.variant.cached && sources.is_some();
         let baker = sources.filter(|_| !by_cache).and_then(|baker| baker());
-        let mut stage = PlanesStage::new(&self.gpu, bake, baker)?;
+        let mut stage = PlanesStage::new(&self.gpu, bake, baker, self.variant.cached)?;
         if by_cache {
             stage.leave_sources_to_cache();
         }
         stage.compile(&self.gpu.device, &self.frame_layout, self.variant);
         if let Some(pages) = &self.pages {
-            stage.serve(&self.gpu, pages);
+            stage.serve(pages);
         }
         Ok(stage)
     }

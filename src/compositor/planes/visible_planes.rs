@@ -95,13 +95,6 @@ impl VisiblePlanes {
         self.all.iter().map(|(uniform, _)| *uniform).collect()
     }
 
-    /// Takes all planes as visible, for surfaces that are lit wherever the viewer is; returns for
-    /// each plane that it is visible.
-    pub fn show_all(&mut self) -> &[bool] {
-        self.is_visible.fill(true);
-        &self.is_visible
-    }
-
     /// The counts (planes of the real layer, all planes) and the planes, as the shaders read them.
     pub fn uploads(&self) -> (&[u32; 4], &[VisiblePlane]) {
         (&self.count, &self.visible)

@@ -15,8 +15,7 @@ struct Frame {
     clip_from_world: mat4x4f,
     // Irradiance polynomial of the environment without its compact sources.
     harmonics: array<vec4f, 9>,
-    // Number of lights, shadow mode, 1 where planes leave out compact sources, highest mip of the
-    // radiance map.
+    // Number of lights, shadow mode, 0, highest mip of the radiance map.
     counts: vec4u,
     // Shadow strength, ground height (metres), 1 where there is a ground, highest mip of the
     // surroundings.
