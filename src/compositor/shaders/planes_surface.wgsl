@@ -72,7 +72,7 @@ fn indirect_on_real(@builtin(position) at: vec4f) -> Kept {
 fn indirect_on_virtual(@builtin(position) at: vec4f) -> Kept {
     let n = textureLoad(normals, vec2i(at.xy), 0).xyz;
     let world = textureLoad(points, vec2i(at.xy), 0).xyz;
-    return Kept(vec4f(indirect_irradiance(2.0, world, n), 0.0), vec4f(0.0));
+    return Kept(vec4f(indirect_light_on_virtual(world, n).rgb, 0.0), vec4f(0.0));
 }
 
 @fragment

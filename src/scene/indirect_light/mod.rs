@@ -11,12 +11,14 @@ mod blend;
 mod directions;
 mod ground;
 mod obstacles;
+mod receivers;
 mod region;
 mod result;
 mod sampling;
 mod shares;
 mod sides;
 mod surface;
+mod surface_grid;
 mod surfels;
 mod volume;
 
@@ -24,6 +26,7 @@ pub use blend::IndirectLightBlender;
 pub use directions::{AXES, side_of};
 pub use obstacles::solid_phantoms;
 pub use result::{GROUND_SIDE, IndirectLight, Irradiance, PhantomRadiance, VOLUME_SIZE};
+pub use surface_grid::{GRID_SIDE, SurfaceGrid, SurfaceIrradiance};
 
 use crate::mesh::Part;
 use crate::scene::Scene;
@@ -33,6 +36,7 @@ use ground::GroundGrid;
 use obstacles::Obstacles;
 use penumbra_lighting::Lighting;
 use penumbra_lighting::compact_source_specular::CompleteMap;
+use receivers::Receivers;
 use region::Region;
 use shares::DistantLight;
 use sides::Sides;
@@ -48,6 +52,8 @@ pub struct IndirectLightSolver {
     sides: Sides,
     ground: GroundGrid,
     volume: Volume,
+    receivers: Receivers,
+    obstacles: Obstacles,
     directions: Directions,
     light: IndirectLight,
     /// Generation of the lighting of the last update.
@@ -68,6 +74,9 @@ impl IndirectLightSolver {
         let sides = Sides::new(&phantoms, &surfels, &obstacles, &directions, &region);
         let ground = GroundGrid::new(&obstacles, &surfels, &directions, &region);
         let volume = Volume::new(&obstacles, &surfels, &directions, &region);
+        let moves = |i: &usize| scene.motions.parts.iter().any(|mover| mover.index == *i);
+        let still = casters.iter().enumerate().filter(|(i, _)| !moves(i));
+        let receivers = Receivers::new(still.map(|(_, p)| p), &surfels, &obstacles, &region);
         let light = IndirectLight {
             low: region.low,
             high: region.high,
@@ -78,6 +87,8 @@ impl IndirectLightSolver {
             sides,
             ground,
             volume,
+            receivers,
+            obstacles,
             directions,
             light,
             lit_by: None,
@@ -129,8 +140,13 @@ impl IndirectLightSolver {
         let shares = &self.ground.shares;
         self.sides
             .update(&self.surfels, shares, &self.directions, &light);
-        self.surfels
-            .update(&self.directions, shares, &self.sides.shares, &light);
+        self.surfels.update(
+            &self.directions,
+            shares,
+            &self.sides.shares,
+            &light,
+            &self.obstacles,
+        );
         self.ground
             .gather(&self.surfels, &self.sides.shares, &light, &mut self.light);
         self.volume.gather(
@@ -140,6 +156,13 @@ impl IndirectLightSolver {
             &self.directions,
             &light,
             &mut self.light,
+        );
+        self.receivers.gather(
+            &self.surfels,
+            shares,
+            &self.sides.shares,
+            &light,
+            &mut self.light.on_virtual,
         );
     }
 
