@@ -232,4 +232,85 @@ mod tests {
         assert_eq!(after.light().generation, 3);
         assert!(after.light().high.x > before.light().high.x);
     }
+
+    fn part_of(mesh: crate::mesh::Mesh, grey: f32, emissive: f32, place: DMat4) -> Part {
+        let material = Material {
+            base_colour: Vec3::splat(grey).extend(1.0),
+            metallic: 0.0,
+            specular: 0.0,
+            emissive: Vec3::splat(emissive),
+            ..Material::default()
+        };
+        Part {
+            name: "part".into(),
+            mesh: Arc::new(mesh),
+            material: Arc::new(material),
+            world_from_part: place,
+            mirror: false,
+            albedo: None,
+        }
+    }
+
+    /// Light on virtual surfaces without a ground and in the dark, after `bounces`.
+    fn on_virtual(parts: Vec<Part>, bounces: u64) -> SurfaceIrradiance {
+        let scene = Scene {
+            virtual_parts: parts,
+            ..Scene::default()
+        };
+        let mut solver = IndirectLightSolver::new(&scene, &scene.virtual_parts).unwrap();
+        for generation in 1..=bounces {
+            solver.update(&lighting(generation), &[]);
+        }
+        solver.light().on_virtual.clone()
+    }
+
+    #[test]
+    fn parallel_squares_exchange_their_form_factor() {
+        let faces_down = DMat4::from_rotation_x(std::f64::consts::PI);
+        let upper = DMat4::from_translation(glam::DVec3::Z) * faces_down;
+        let light = on_virtual(
+            vec![
+                part_of(primitives::plane(1.0, 1.0), 0.0, 0.0, DMat4::IDENTITY),
+                part_of(primitives::plane(1.0, 1.0), 0.0, 1.0, upper),
+            ],
+            1,
+        );
+        let at = |k: usize| Vec3::new((k % 10) as f32 - 4.5, (k / 10) as f32 - 4.5, 0.0) * 0.1;
+        let mean = (0..100).map(|k| light.on(at(k), Vec3::Z).x).sum::<f32>() / 100.0;
+        // Unit squares at distance 1 (Howell, configuration C-11).
+        let expected = 0.199_82 * std::f32::consts::PI;
+        assert!((mean / expected - 1.0).abs() < 0.03, "{mean} {expected}");
+    }
+
+    #[test]
+    fn closed_cavity_neither_gains_nor_loses_energy() {
+        let mut cavity = primitives::cuboid(Vec3::ONE);
+        cavity
+            .indices
+            .chunks_exact_mut(3)
+            .for_each(|t| t.swap(1, 2));
+        for vertex in &mut cavity.vertices {
+            vertex.normal = -vertex.normal;
+        }
+        // Emission 1 - albedo makes the radiance 1 everywhere.
+        let light = on_virtual(vec![part_of(cavity, 0.5, 0.5, DMat4::IDENTITY)], 16);
+        let places = [
+            (Vec3::new(0.1, 0.2, 0.0), Vec3::Z),
+            (Vec3::new(0.45, -0.3, 1.0), Vec3::NEG_Z),
+            (Vec3::new(0.5, 0.0, 0.5), Vec3::NEG_X),
+        ];
+        for (p, n) in places {
+            let found = light.on(p, n);
+            assert!((found.x - std::f32::consts::PI).abs() < 0.03, "{found}");
+            assert!(found.w > 0.99, "{found}");
+        }
+    }
+
+    #[test]
+    fn convex_object_gives_itself_no_light() {
+        let ball = primitives::sphere(0.1, 24, 16);
+        let light = on_virtual(vec![part_of(ball, 0.8, 1.0, DMat4::IDENTITY)], 3);
+        assert!(light.values.iter().all(|value| *value == Vec3::ZERO));
+        assert!(light.on(Vec3::Z * 0.1, Vec3::Z).w > 0.99);
+    }
 }
