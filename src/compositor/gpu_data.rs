@@ -24,6 +24,8 @@ pub struct FrameUniform {
     pub tiling: [u32; 4],
     pub indirect_low: [f32; 4],
     pub indirect_high: [f32; 4],
+    pub on_virtual_low: [f32; 4],
+    pub on_virtual_high: [f32; 4],
     pub planes_low: [f32; 4],
     pub planes_high: [f32; 4],
     pub brightest: [f32; 4],

@@ -4,15 +4,18 @@
 use super::texels::half_texel;
 use half::f16;
 use penumbra_scene::IndirectLight;
-use penumbra_scene::indirect_light::{GROUND_SIDE, VOLUME_SIZE};
+use penumbra_scene::indirect_light::{GRID_SIDE, GROUND_SIDE, SurfaceIrradiance, VOLUME_SIZE};
 
 /// Three pictures of the ground side by side (change by virtual objects, light reflected by
-/// phantoms without them and with them), and three times six volumes.
+/// phantoms without them and with them), three times six volumes, and the six of the irradiance on
+/// virtual surfaces.
 pub struct IndirectLightMaps {
     ground: wgpu::Texture,
     volume: wgpu::Texture,
+    on_virtual: wgpu::Texture,
     pub ground_view: wgpu::TextureView,
     pub volume_view: wgpu::TextureView,
+    pub on_virtual_view: wgpu::TextureView,
 }
 
 impl IndirectLightMaps {
@@ -24,17 +27,22 @@ impl IndirectLightMaps {
             [3 * GROUND_SIDE, GROUND_SIDE, 1],
         );
         let volume = texture(device, wgpu::TextureDimension::D3, [18 * nx, ny, nz]);
+        let grid = [6 * GRID_SIDE, GRID_SIDE, GRID_SIDE];
+        let on_virtual = texture(device, wgpu::TextureDimension::D3, grid);
         let view = |t: &wgpu::Texture| t.create_view(&wgpu::TextureViewDescriptor::default());
         Self {
             ground_view: view(&ground),
             volume_view: view(&volume),
+            on_virtual_view: view(&on_virtual),
             ground,
             volume,
+            on_virtual,
         }
     }
 
     /// Uploads `light`; `texels` is a recycled buffer.
     pub fn write(&self, queue: &wgpu::Queue, light: &IndirectLight, texels: &mut Vec<[f16; 4]>) {
+        self.write_on_virtual(queue, &light.on_virtual, texels);
         let all = [&light.change, &light.real, &light.real_now];
         let side = GROUND_SIDE as usize;
         if all.iter().all(|part| part.ground.len() == side * side) {
@@ -58,6 +66,25 @@ impl IndirectLightMaps {
             }
         }
         upload(queue, &self.volume, texels);
+    }
+
+    /// Uploads the irradiance times weight in the cells that have one, with the weight in alpha.
+    fn write_on_virtual(
+        &self,
+        queue: &wgpu::Queue,
+        light: &SurfaceIrradiance,
+        texels: &mut Vec<[f16; 4]>,
+    ) {
+        texels.clear();
+        texels.resize(
+            (6 * GRID_SIDE * GRID_SIDE * GRID_SIDE) as usize,
+            [f16::ZERO; 4],
+        );
+        for ((texel, weight), value) in light.grid.cells.iter().zip(&light.values) {
+            let [r, g, b, _] = half_texel(value.to_array());
+            texels[*texel as usize] = [r, g, b, f16::from_f32(*weight)];
+        }
+        upload(queue, &self.on_virtual, texels);
     }
 }
 

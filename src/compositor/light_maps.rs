@@ -20,7 +20,7 @@ use penumbra_scene::{IndirectLight, PlacedLamp};
 pub const BY_NORMAL: u32 = 33;
 
 /// The bindings of the frame, in the order of [`FrameParts::group`].
-const FRAME_SLOTS: [Slot; 14] = [
+const FRAME_SLOTS: [Slot; 15] = [
     Slot::Uniform,
     Slot::Uniform,
     Slot::Texture,
@@ -35,6 +35,7 @@ const FRAME_SLOTS: [Slot; 14] = [
     Slot::Integer,
     Slot::Texture,
     Slot::Texture,
+    Slot::Volume,
 ];
 
 /// The light of a frame on the GPU.
@@ -251,6 +252,7 @@ impl FrameParts<'_> {
             table,
             first,
             second,
+            view(&self.indirect.on_virtual_view),
         ];
         group(device, "frame", layout, &resources)
     }

@@ -2,7 +2,7 @@
 
 use crate::layout::{BORDERED, TEXELS};
 use crate::texels::PageTexels;
-use glam::{UVec3, Vec3};
+use glam::{UVec3, Vec3, Vec4};
 use penumbra_scene::IndirectLight;
 use penumbra_scene::indirect_light::{GROUND_SIDE, Irradiance, VOLUME_SIZE};
 
@@ -17,10 +17,33 @@ pub fn fill(
     page: &PageTexels,
     to: &mut [[f32; TEXELS]; 3],
 ) {
-    let at = |k: usize| irradiance(light, kind, page.positions[k], page.normals[k]);
-    let mut set = |k: usize, value: Vec3| {
-        for (c, value) in value.to_array().into_iter().enumerate() {
-            to[c][k] = value;
+    fill_with(page, to, |p, n| irradiance(light, kind, p, n).to_array());
+}
+
+/// The same on a virtual surface, with the share to which the exchange of light between virtual
+/// surfaces is known; only the rest of it is unknown.
+pub fn fill_on_virtual(light: &IndirectLight, page: &PageTexels, to: &mut [[f32; TEXELS]; 4]) {
+    fill_with(page, to, |p, n| on_virtual(light, p, n).to_array());
+}
+
+/// Indirect irradiance at `p` on a virtual surface with normal `n`, and in w the share to which
+/// that includes light of other virtual surfaces. Twin of `indirect_light_on_virtual`.
+fn on_virtual(light: &IndirectLight, p: Vec3, n: Vec3) -> Vec4 {
+    let known = light.on_virtual.on(p, n);
+    let real = irradiance(light, &light.real_now, p, n);
+    real.lerp(known.truncate(), known.w).extend(known.w)
+}
+
+/// Writes a function of position and normal on each texel of a page, channel by channel.
+fn fill_with<const N: usize>(
+    page: &PageTexels,
+    to: &mut [[f32; TEXELS]; N],
+    value: impl Fn(Vec3, Vec3) -> [f32; N],
+) {
+    let at = |k: usize| value(page.positions[k], page.normals[k]);
+    let mut set = |k: usize, value: [f32; N]| {
+        for (channel, value) in to.iter_mut().zip(value) {
+            channel[k] = value;
         }
     };
     if page.plane.is_none() {
@@ -35,10 +58,14 @@ pub fn fill(
             (i, (texel - LATTICE[i]) as f32 / length)
         };
         let ((x, fx), (y, fy)) = (part(k % BORDERED), part(k / BORDERED));
-        let top = known[y][x].lerp(known[y][x + 1], fx);
-        let bottom = known[y + 1][x].lerp(known[y + 1][x + 1], fx);
-        set(k, top.lerp(bottom, fy));
+        let top = mix(known[y][x], known[y][x + 1], fx);
+        let bottom = mix(known[y + 1][x], known[y + 1][x + 1], fx);
+        set(k, mix(top, bottom, fy));
     }
+}
+
+fn mix<const N: usize>(a: [f32; N], b: [f32; N], t: f32) -> [f32; N] {
+    std::array::from_fn(|c| a[c] + (b[c] - a[c]) * t)
 }
 
 /// Indirect irradiance at `p` on a surface with normal `n` from one of the kinds of `light`; zero

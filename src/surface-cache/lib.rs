@@ -23,7 +23,7 @@ mod texels;
 mod visibility;
 
 pub use cache::{CacheOptions, ReceiverPage, SurfaceCache, SurfaceLight};
-pub use indirect::fill as fill_indirect;
+pub use indirect::{fill as fill_indirect, fill_on_virtual as fill_indirect_on_virtual};
 pub use layout::{BORDERED, Bounds, PAGE, TABLE_WIDTH, TEXELS};
 pub use receivers::Layer;
 pub use split::{CacheVertex, SplitMesh};

@@ -129,6 +129,8 @@ pub struct Sums {
     cells: Channels,
     /// Indirect light.
     added: [Channels; 2],
+    /// Indirect light on a virtual surface; see [`indirect::fill_on_virtual`].
+    on_virtual: [[f32; TEXELS]; 4],
     facing: [f32; TEXELS],
     /// RGBA, interleaved.
     packed: [f32; 4 * TEXELS],
@@ -153,6 +155,7 @@ impl Sums {
             open: empty,
             cells: empty,
             added: [empty; 2],
+            on_virtual: [[0.0; TEXELS]; 4],
             facing: [0.0; TEXELS],
             packed: [0.0; 4 * TEXELS],
         }
@@ -254,17 +257,18 @@ impl Sums {
         }
         unshadowed.sky.fill(page, &mut self.open);
         unshadowed.cells.fill(page, &mut self.cells);
-        let [indirect_now, _] = &mut self.added;
-        if let Some(light) = indirect {
-            indirect::fill(light, &light.real_now, page, indirect_now);
+        match indirect {
+            Some(light) => indirect::fill_on_virtual(light, page, &mut self.on_virtual),
+            None => self.on_virtual = [[0.0; TEXELS]; 4],
         }
         let mut weights = [0.0; TEXELS];
         for (k, weight) in weights.iter_mut().enumerate() {
             let (cells, sky) = (at(&self.cells, k), at(&self.open, k));
             let hidden = at(&self.second, k) / cells.max(Vec3::splat(1e-6));
             let open = (1.0 - hidden).clamp(Vec3::ZERO, Vec3::ONE);
-            let bounces = cells * (with_bounces(open, albedo) - open);
-            let light = sky - at(&self.first, k) + bounces + at(indirect_now, k);
+            let [r, g, b, known] = self.on_virtual.each_ref().map(|channel| channel[k]);
+            let guessed = cells * (with_bounces(open, albedo) - open) * (1.0 - known);
+            let light = sky - at(&self.first, k) + guessed + Vec3::new(r, g, b);
             let light = light.max(Vec3::ZERO);
             // Texels inside other objects are black; the weight keeps them out of interpolation
             // with their neighbours.

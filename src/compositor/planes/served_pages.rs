@@ -12,6 +12,7 @@ use penumbra_lighting::DomeLight;
 use penumbra_scene::IndirectLight;
 use penumbra_surface_cache::{
     BORDERED, Bounds, Layer, ReceiverPage, SurfaceCache, TEXELS, fill_indirect,
+    fill_indirect_on_virtual,
 };
 use std::collections::HashMap;
 use std::sync::Arc;
@@ -245,14 +246,17 @@ impl ServedPage {
             self.indirect.clear();
             return;
         };
-        let kinds: &[_] = if is_real(page) {
-            &[&light.change, &light.real]
+        if is_real(page) {
+            self.indirect.resize(2, [[0.0; TEXELS]; 3]);
+            for (kind, to) in [&light.change, &light.real].iter().zip(&mut self.indirect) {
+                fill_indirect(light, kind, &page.texels, to);
+            }
         } else {
-            &[&light.real_now]
-        };
-        self.indirect.resize(kinds.len(), [[0.0; TEXELS]; 3]);
-        for (kind, to) in kinds.iter().zip(&mut self.indirect) {
-            fill_indirect(light, kind, &page.texels, to);
+            let mut all = [[0.0; TEXELS]; 4];
+            fill_indirect_on_virtual(light, &page.texels, &mut all);
+            let [r, g, b, _] = all;
+            self.indirect.clear();
+            self.indirect.push([r, g, b]);
         }
     }
 }

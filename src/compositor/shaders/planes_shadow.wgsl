@@ -32,7 +32,7 @@ fn virtual_light(@builtin(position) position: vec4f) -> @location(0) vec4u {
     let world = world_at(sample_position(found.xy, found.z), depth);
     var remaining = sky_irradiance(n) + by_normal(irradiance_of_compact, n);
     remaining -= by_normal(irradiance_of_lights, n) * (1.0 - virtual_share(world, n));
-    remaining += indirect_irradiance(2.0, world, n);
+    remaining += indirect_light_on_virtual(world, n).rgb;
     remaining += lamp_irradiance(lamps_at(virtual_lamps, found.xy), world, n);
     return packed_light(max(remaining, vec3f(0.0)), frame.eye.w / depth, n);
 }

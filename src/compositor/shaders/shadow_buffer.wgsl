@@ -160,8 +160,8 @@ fn virtual_light(@builtin(position) position: vec4f) -> @location(0) vec4u {
     }
     let albedo = base_colour(shape);
     let open_share = clamp(1.0 - hidden / max(cells, vec3f(1e-6)), vec3f(0.0), vec3f(1.0));
-    remaining += cells * (with_bounces(open_share, albedo) - open_share);
-    remaining += indirect_irradiance(2.0, world, n);
+    let indirect = indirect_light_on_virtual(world, n);
+    remaining += cells * (with_bounces(open_share, albedo) - open_share) * (1.0 - indirect.w) + indirect.rgb;
     remaining += lamp_irradiance(lamps_at(virtual_lamps, found.xy), world, n);
     return packed_light(max(remaining, vec3f(0.0)), frame.eye.w / depth, n);
 }

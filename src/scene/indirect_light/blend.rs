@@ -46,6 +46,13 @@ impl IndirectLightBlender {
         blend_irradiance(&from.change, &to.change, weight, &mut out.change);
         blend_irradiance(&from.real, &to.real, weight, &mut out.real);
         blend_irradiance(&from.real_now, &to.real_now, weight, &mut out.real_now);
+        if from.on_virtual.grid == to.on_virtual.grid {
+            out.on_virtual.grid.clone_from(&to.on_virtual.grid);
+            let values = (&from.on_virtual.values, &to.on_virtual.values);
+            blend_values(values.0, values.1, weight, &mut out.on_virtual.values);
+        } else {
+            out.on_virtual.clone_from(&to.on_virtual);
+        }
         if self.recycled.len() < MAX_RECYCLED {
             self.recycled.push(Arc::clone(&blend));
         }
@@ -67,6 +74,7 @@ fn blend_values(from: &[Vec3], to: &[Vec3], weight: f32, out: &mut Vec<Vec3>) {
 
 #[cfg(test)]
 mod tests {
+    use super::super::surface_grid::SurfaceIrradiance;
     use super::*;
 
     fn light(generation: u64, value: f32) -> Arc<IndirectLight> {
@@ -81,6 +89,7 @@ mod tests {
             change: irradiance.clone(),
             real: irradiance.clone(),
             real_now: irradiance,
+            on_virtual: SurfaceIrradiance::default(),
         })
     }
 

@@ -1,7 +1,7 @@
 //! Directions for which visibility is stored, and the light of the dome from each.
 
 use glam::Vec3;
-use penumbra_lighting::Lighting;
+use penumbra_lighting::{LightKind, Lighting};
 use std::f32::consts::PI;
 
 /// Number of directions for which visibility is stored, one bit each.
@@ -12,6 +12,10 @@ pub(super) struct Directions {
     pub all: Vec<Vec3>,
     /// Irradiance, on a surface that faces the direction, of the dome lights nearest to it.
     pub light: Vec<Vec3>,
+    /// The same of those that stand for cells.
+    cells: Vec<Vec3>,
+    /// Compact sources: direction and irradiance, by slot.
+    pub compact: Vec<(Vec3, Vec3)>,
 }
 
 impl Directions {
@@ -19,6 +23,8 @@ impl Directions {
         let all = fibonacci_sphere(DIRECTIONS);
         Self {
             light: vec![Vec3::ZERO; all.len()],
+            cells: vec![Vec3::ZERO; all.len()],
+            compact: Vec::new(),
             all,
         }
     }
@@ -37,15 +43,30 @@ impl Directions {
     /// Assigns the dome lights of `lighting` to the nearest directions.
     pub fn set_light(&mut self, lighting: &Lighting) {
         self.light.fill(Vec3::ZERO);
+        self.cells.fill(Vec3::ZERO);
+        self.compact.clear();
         for light in &lighting.lights {
             let i = self.nearest(light.direction);
             self.light[i] += light.irradiance;
+            match light.kind {
+                LightKind::Cell => self.cells[i] += light.irradiance,
+                LightKind::Compact => self.compact.push((light.direction, light.irradiance)),
+            }
         }
     }
 
     /// Irradiance on a surface with normal `n` from the directions whose bit in `visible` is set.
     pub fn irradiance(&self, n: Vec3, visible: u128) -> Vec3 {
-        let each = self.all.iter().zip(&self.light).enumerate();
+        self.sum(&self.light, n, visible)
+    }
+
+    /// The same without compact sources.
+    pub fn irradiance_of_cells(&self, n: Vec3, visible: u128) -> Vec3 {
+        self.sum(&self.cells, n, visible)
+    }
+
+    fn sum(&self, light: &[Vec3], n: Vec3, visible: u128) -> Vec3 {
+        let each = self.all.iter().zip(light).enumerate();
         each.filter(|(i, _)| visible >> i & 1 == 1)
             .map(|(_, (d, light))| *light * n.dot(*d).max(0.0))
             .sum()

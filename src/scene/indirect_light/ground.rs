@@ -4,6 +4,7 @@ use super::directions::Directions;
 use super::obstacles::{FirstHit, Obstacles};
 use super::region::Region;
 use super::result::{GROUND_SIDE, IndirectLight};
+use super::sampling::cosine_direction;
 use super::shares::{DistantLight, GroundShares, SideShares};
 use super::surfels::{ReflectingPoint, Surfels};
 use glam::{Vec2, Vec3};
@@ -148,7 +149,7 @@ fn texel(
     }
     let azimuth = TAU * (f64::from(index) * 0.618_033_988_749_895).fract() as f32;
     let (mut virtual_points, mut phantoms) = (Vec::new(), Vec::new());
-    for d in (0..GATHERED).map(|k| cosine_direction(k, azimuth)) {
+    for d in (0..GATHERED).map(|k| cosine_direction(k, GATHERED, azimuth)) {
         match obstacles.first_hit(origin, d) {
             FirstHit::Virtual(hit) => {
                 let hidden = obstacles.hidden_side(origin, d);
@@ -167,13 +168,4 @@ fn texel(
         phantoms,
         window: region.window(point),
     }
-}
-
-/// The `k`-th of `GATHERED` directions around +Z, with a density proportional to the cosine.
-fn cosine_direction(k: usize, azimuth: f32) -> Vec3 {
-    let u = (k as f32 + 0.5) / GATHERED as f32;
-    let phi = azimuth + TAU * (k as f64 * 0.618_033_988_749_895).fract() as f32;
-    let (sin, cos) = phi.sin_cos();
-    let r = u.sqrt();
-    Vec3::new(r * cos, r * sin, (1.0 - u).sqrt())
 }

@@ -11,12 +11,14 @@ mod blend;
 mod directions;
 mod ground;
 mod obstacles;
+mod receivers;
 mod region;
 mod result;
 mod sampling;
 mod shares;
 mod sides;
 mod surface;
+mod surface_grid;
 mod surfels;
 mod volume;
 
@@ -24,6 +26,7 @@ pub use blend::IndirectLightBlender;
 pub use directions::{AXES, side_of};
 pub use obstacles::solid_phantoms;
 pub use result::{GROUND_SIDE, IndirectLight, Irradiance, PhantomRadiance, VOLUME_SIZE};
+pub use surface_grid::{GRID_SIDE, SurfaceGrid, SurfaceIrradiance};
 
 use crate::mesh::Part;
 use crate::scene::Scene;
@@ -33,6 +36,7 @@ use ground::GroundGrid;
 use obstacles::Obstacles;
 use penumbra_lighting::Lighting;
 use penumbra_lighting::compact_source_specular::CompleteMap;
+use receivers::Receivers;
 use region::Region;
 use shares::DistantLight;
 use sides::Sides;
@@ -48,6 +52,8 @@ pub struct IndirectLightSolver {
     sides: Sides,
     ground: GroundGrid,
     volume: Volume,
+    receivers: Receivers,
+    obstacles: Obstacles,
     directions: Directions,
     light: IndirectLight,
     /// Generation of the lighting of the last update.
@@ -63,11 +69,16 @@ impl IndirectLightSolver {
         let region = Region::around(casters, scene.ground_height)?;
         let obstacles = Obstacles::new(scene, casters);
         let directions = Directions::new();
-        let surfels = Surfels::new(casters, &obstacles, &directions, &region);
+        let moves = !scene.motions.parts.is_empty();
+        let surfels = Surfels::new(casters, &obstacles, &directions, &region, moves);
         let phantoms: Vec<Part> = solid_phantoms(scene).cloned().collect();
         let sides = Sides::new(&phantoms, &surfels, &obstacles, &directions, &region);
         let ground = GroundGrid::new(&obstacles, &surfels, &directions, &region);
         let volume = Volume::new(&obstacles, &surfels, &directions, &region);
+        // Where something moves, a new solver is made every half second, and frames wait for it: too
+        // often for the light between virtual surfaces.
+        let still = casters.iter().filter(|_| !moves);
+        let receivers = Receivers::new(still, &surfels, &obstacles, &region);
         let light = IndirectLight {
             low: region.low,
             high: region.high,
@@ -78,6 +89,8 @@ impl IndirectLightSolver {
             sides,
             ground,
             volume,
+            receivers,
+            obstacles,
             directions,
             light,
             lit_by: None,
@@ -129,8 +142,13 @@ impl IndirectLightSolver {
         let shares = &self.ground.shares;
         self.sides
             .update(&self.surfels, shares, &self.directions, &light);
-        self.surfels
-            .update(&self.directions, shares, &self.sides.shares, &light);
+        self.surfels.update(
+            &self.directions,
+            shares,
+            &self.sides.shares,
+            &light,
+            &self.obstacles,
+        );
         self.ground
             .gather(&self.surfels, &self.sides.shares, &light, &mut self.light);
         self.volume.gather(
@@ -140,6 +158,13 @@ impl IndirectLightSolver {
             &self.directions,
             &light,
             &mut self.light,
+        );
+        self.receivers.gather(
+            &self.surfels,
+            shares,
+            &self.sides.shares,
+            &light,
+            &mut self.light.on_virtual,
         );
     }
 
@@ -208,5 +233,86 @@ mod tests {
         after.update(&lighting(6), none);
         assert_eq!(after.light().generation, 3);
         assert!(after.light().high.x > before.light().high.x);
+    }
+
+    fn part_of(mesh: crate::mesh::Mesh, grey: f32, emissive: f32, place: DMat4) -> Part {
+        let material = Material {
+            base_colour: Vec3::splat(grey).extend(1.0),
+            metallic: 0.0,
+            specular: 0.0,
+            emissive: Vec3::splat(emissive),
+            ..Material::default()
+        };
+        Part {
+            name: "part".into(),
+            mesh: Arc::new(mesh),
+            material: Arc::new(material),
+            world_from_part: place,
+            mirror: false,
+            albedo: None,
+        }
+    }
+
+    /// Light on virtual surfaces without a ground and in the dark, after `bounces`.
+    fn on_virtual(parts: Vec<Part>, bounces: u64) -> SurfaceIrradiance {
+        let scene = Scene {
+            virtual_parts: parts,
+            ..Scene::default()
+        };
+        let mut solver = IndirectLightSolver::new(&scene, &scene.virtual_parts).unwrap();
+        for generation in 1..=bounces {
+            solver.update(&lighting(generation), &[]);
+        }
+        solver.light().on_virtual.clone()
+    }
+
+    #[test]
+    fn parallel_squares_exchange_their_form_factor() {
+        let faces_down = DMat4::from_rotation_x(std::f64::consts::PI);
+        let upper = DMat4::from_translation(glam::DVec3::Z) * faces_down;
+        let light = on_virtual(
+            vec![
+                part_of(primitives::plane(1.0, 1.0), 0.0, 0.0, DMat4::IDENTITY),
+                part_of(primitives::plane(1.0, 1.0), 0.0, 1.0, upper),
+            ],
+            1,
+        );
+        let at = |k: usize| Vec3::new((k % 10) as f32 - 4.5, (k / 10) as f32 - 4.5, 0.0) * 0.1;
+        let mean = (0..100).map(|k| light.on(at(k), Vec3::Z).x).sum::<f32>() / 100.0;
+        // Unit squares at distance 1 (Howell, configuration C-11).
+        let expected = 0.199_82 * std::f32::consts::PI;
+        assert!((mean / expected - 1.0).abs() < 0.03, "{mean} {expected}");
+    }
+
+    #[test]
+    fn closed_cavity_neither_gains_nor_loses_energy() {
+        let mut cavity = primitives::cuboid(Vec3::ONE);
+        cavity
+            .indices
+            .chunks_exact_mut(3)
+            .for_each(|t| t.swap(1, 2));
+        for vertex in &mut cavity.vertices {
+            vertex.normal = -vertex.normal;
+        }
+        // Emission 1 - albedo makes the radiance 1 everywhere.
+        let light = on_virtual(vec![part_of(cavity, 0.5, 0.5, DMat4::IDENTITY)], 16);
+        let places = [
+            (Vec3::new(0.1, 0.2, 0.0), Vec3::Z),
+            (Vec3::new(0.45, -0.3, 1.0), Vec3::NEG_Z),
+            (Vec3::new(0.5, 0.0, 0.5), Vec3::NEG_X),
+        ];
+        for (p, n) in places {
+            let found = light.on(p, n);
+            assert!((found.x - std::f32::consts::PI).abs() < 0.03, "{found}");
+            assert!(found.w > 0.99, "{found}");
+        }
+    }
+
+    #[test]
+    fn convex_object_gives_itself_no_light() {
+        let ball = primitives::sphere(0.1, 24, 16);
+        let light = on_virtual(vec![part_of(ball, 0.8, 1.0, DMat4::IDENTITY)], 3);
+        assert!(light.values.iter().all(|value| *value == Vec3::ZERO));
+        assert!(light.on(Vec3::Z * 0.1, Vec3::Z).w > 0.99);
     }
 }

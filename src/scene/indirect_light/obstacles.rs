@@ -88,6 +88,13 @@ impl Obstacles {
         }
     }
 
+    /// Whether the sky is visible along a ray.
+    pub fn is_open(&self, origin: Vec3, direction: Vec3) -> bool {
+        let behind_floor = self.floor.is_some() && direction.z < 0.0;
+        let (origin, direction) = (origin.as_dvec3(), direction.as_dvec3());
+        !behind_floor && !self.all.is_blocked(origin, direction, f64::INFINITY)
+    }
+
     /// Returns the side of a phantom that a virtual object may hide from `origin`.
     pub fn hidden_side(&self, origin: Vec3, direction: Vec3) -> Option<u32> {
         let hit = nearest(&self.real, origin, direction)?;

@@ -1,5 +1,6 @@
 //! Indirect light around the virtual objects, as the solver returns it.
 
+use super::surface_grid::SurfaceIrradiance;
 use glam::Vec3;
 
 /// Number of texels along a side of the ground grid.
@@ -22,6 +23,9 @@ pub struct IndirectLight {
     pub real: Irradiance,
     /// Irradiance by light that phantoms reflect where virtual objects shadow them.
     pub real_now: Irradiance,
+    /// Irradiance on virtual surfaces that stand still, by light of all other surfaces, minus the
+    /// light of the ground that those hide or darken.
+    pub on_virtual: SurfaceIrradiance,
 }
 
 /// Irradiance around the virtual objects, linear RGB.

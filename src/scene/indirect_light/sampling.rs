@@ -1,7 +1,8 @@
-//! Points on the triangles of a part.
+//! Points on the triangles of a part, and directions around a normal.
 
 use crate::mesh::Part;
 use glam::Vec3;
+use std::f32::consts::TAU;
 
 /// Returns the triangles of a part in the world, counter-clockwise from outside.
 pub(super) fn world_triangles(part: &Part) -> impl Iterator<Item = [Vec3; 3]> {
@@ -33,4 +34,13 @@ pub(super) fn point_in(t: &[Vec3; 3], k: usize) -> Vec3 {
         (u, v)
     };
     t[0] + (t[1] - t[0]) * u + (t[2] - t[0]) * v
+}
+
+/// The `k`-th of `count` directions around +Z, with a density proportional to the cosine.
+pub(super) fn cosine_direction(k: usize, count: usize, azimuth: f32) -> Vec3 {
+    let u = (k as f32 + 0.5) / count as f32;
+    let phi = azimuth + TAU * (k as f64 * 0.618_033_988_749_895).fract() as f32;
+    let (sin, cos) = phi.sin_cos();
+    let r = u.sqrt();
+    Vec3::new(r * cos, r * sin, (1.0 - u).sqrt())
 }

@@ -11,7 +11,9 @@ use glam::Vec3;
 use std::f32::consts::PI;
 
 /// Number of surfels on all objects together.
-const COUNT: usize = 512;
+const COUNT: usize = 1024;
+/// The same where something moves, and rays are cast again every half second.
+const COUNT_MOVING: usize = 512;
 /// A point of a virtual surface.
 struct Surfel {
     position: Vec3,
@@ -55,6 +57,9 @@ pub(super) struct Surfels {
     total: Vec<Vec3>,
     /// `total` of the last update.
     previous: Vec<Vec3>,
+    compact: CompactSources,
+    /// Distance of a ray's origin from its surface, metres.
+    offset: f32,
 }
 
 impl Surfels {
@@ -63,8 +68,15 @@ impl Surfels {
         obstacles: &Obstacles,
         directions: &Directions,
         region: &Region,
+        moves: bool,
     ) -> Self {
-        let mut all = distribute(casters);
+        let mut all = distribute(casters, if moves { COUNT_MOVING } else { COUNT });
+        let is_inside: Vec<bool> = all
+            .iter()
+            .map(|s| is_inside(s, &all, obstacles, directions, region))
+            .collect();
+        let mut outside = is_inside.iter().map(|inside| !inside);
+        all.retain(|_| outside.next().unwrap_or(true));
         let visible: Vec<_> = all
             .iter()
             .map(|s| find_visible(s, &all, obstacles, directions, region))
@@ -80,6 +92,8 @@ impl Surfels {
             radiance: dark.clone(),
             total: dark.clone(),
             previous: dark,
+            compact: CompactSources::default(),
+            offset: region.offset(),
         }
     }
 
@@ -107,6 +121,11 @@ impl Surfels {
         })
     }
 
+    /// Whether `hit` is on the front of the surface at `point`; its back is inside an object.
+    pub fn is_front(&self, point: &ReflectingPoint, hit: &SurfacePoint) -> bool {
+        self.all[point.surfel as usize].normal.dot(hit.normal) > 0.0
+    }
+
     /// Returns the surfel that represents a point.
     pub fn nearest(&self, hit: &SurfacePoint) -> Option<u32> {
         nearest(&self.all, hit)
@@ -125,10 +144,16 @@ impl Surfels {
         ground: &GroundShares,
         sides: &SideShares,
         light: &DistantLight<'_>,
+        obstacles: &Obstacles,
     ) {
         std::mem::swap(&mut self.previous, &mut self.total);
+        let compact = &mut self.compact;
+        compact.update(&self.all, &directions.compact, obstacles, self.offset);
         for (i, surfel) in self.all.iter().enumerate() {
-            let sky = directions.irradiance(surfel.normal, surfel.sky);
+            let sky = directions.irradiance_of_cells(surfel.normal, surfel.sky)
+                + self
+                    .compact
+                    .irradiance(i, surfel.normal, &directions.compact);
             let on_ground =
                 |(texel, weight): &(u32, f32)| light.floor * ground.share(*texel) * *weight;
             let from_ground: Vec3 = surfel.ground.iter().map(on_ground).sum();
@@ -163,6 +188,51 @@ impl Surfels {
     }
 }
 
+/// Visibility of compact sources from surfels. The directions of the sky are too coarse for them:
+/// their shadows have edges.
+#[derive(Default)]
+struct CompactSources {
+    /// By slot: the direction, and whether each surfel sees the source.
+    seen: Vec<(Vec3, Vec<bool>)>,
+}
+
+/// Cosine of the angle by which a source moves before its visibility is found again: a quarter of
+/// a degree, the radius of the sun.
+const MOVED: f32 = 0.999_99;
+
+impl CompactSources {
+    /// Finds the visibility of `sources` (direction, irradiance) that have moved.
+    fn update(
+        &mut self,
+        surfels: &[Surfel],
+        sources: &[(Vec3, Vec3)],
+        obstacles: &Obstacles,
+        offset: f32,
+    ) {
+        self.seen.resize(sources.len(), Default::default());
+        for ((before, seen), (direction, irradiance)) in self.seen.iter_mut().zip(sources) {
+            if before.dot(*direction) >= MOVED || *irradiance == Vec3::ZERO {
+                continue;
+            }
+            *before = *direction;
+            let sees = |s: &Surfel| {
+                let origin = s.position + s.normal * offset;
+                s.normal.dot(*direction) > 0.0 && obstacles.is_open(origin, *direction)
+            };
+            seen.clear();
+            seen.extend(surfels.iter().map(sees));
+        }
+    }
+
+    /// Irradiance of `sources` on a surfel with normal `n`.
+    fn irradiance(&self, surfel: usize, n: Vec3, sources: &[(Vec3, Vec3)]) -> Vec3 {
+        let each = self.seen.iter().zip(sources);
+        each.filter(|((_, seen), _)| seen.get(surfel).is_some_and(|seen| *seen))
+            .map(|(_, (direction, irradiance))| *irradiance * n.dot(*direction).max(0.0))
+            .sum()
+    }
+}
+
 /// Distributes surfels over the triangles by area.
 fn distribute(parts: &[Part]) -> Vec<Surfel> {
     let corners: Vec<(usize, [Vec3; 3])> = parts
@@ -172,12 +242,12 @@ fn distribute(parts: &[Part]) -> Vec<Surfel> {
         .collect();
     let area = |t: &[Vec3; 3]| 0.5 * (t[1] - t[0]).cross(t[2] - t[0]).length();
     let total: f32 = corners.iter().map(|(_, t)| area(t)).sum();
-    let step = total / COUNT as f32;
+    let step = total / count as f32;
     let surfaces: Vec<Surface> = parts
         .iter()
         .map(|p| Surface::from_material(&p.material))
         .collect();
-    let (mut surfels, mut passed) = (Vec::with_capacity(COUNT), 0.5 * step);
+    let (mut surfels, mut passed) = (Vec::with_capacity(count), 0.5 * step);
     for (part, triangle) in &corners {
         passed -= area(triangle);
         while passed < 0.0 && step > 0.0 {
@@ -203,7 +273,9 @@ fn surfel(t: &[Vec3; 3], index: usize, surface: Surface) -> Surfel {
 fn nearest(all: &[Surfel], hit: &SurfacePoint) -> Option<u32> {
     let distance = |s: &Surfel| {
         let inclination = 1.0 - s.normal.dot(hit.normal);
-        s.position.distance_squared(hit.point) * (1.0 + 8.0 * inclination * inclination)
+        // The other side of a thin wall has another light.
+        let behind = if inclination > 1.0 { 1e3 } else { 1.0 };
+        s.position.distance_squared(hit.point) * (1.0 + 8.0 * inclination * inclination) * behind
     };
     let all = all.iter().enumerate().map(|(i, s)| (i, distance(s)));
     all.min_by(|a, b| a.1.total_cmp(&b.1))
@@ -217,6 +289,29 @@ struct Visible {
     ground: Vec<(u32, f32)>,
     others: Vec<(u32, f32)>,
     phantoms: Vec<(u32, f32)>,
+}
+
+/// Whether a surfel is inside another object, on a hidden surface: from there, most rays hit the
+/// backs of surfaces. It must not stand for visible points nearby.
+fn is_inside(
+    surfel: &Surfel,
+    all: &[Surfel],
+    obstacles: &Obstacles,
+    directions: &Directions,
+    region: &Region,
+) -> bool {
+    let origin = surfel.position + surfel.normal * region.offset();
+    let in_front = |d: &&Vec3| d.dot(surfel.normal) > 0.0;
+    let each = directions.all.iter().step_by(4).filter(in_front);
+    let (mut backs, mut count) = (0, 0);
+    for d in each {
+        count += 1;
+        if let FirstHit::Virtual(hit) = obstacles.first_hit(origin, *d) {
+            let front = |i: u32| all[i as usize].normal.dot(hit.normal) > 0.0;
+            backs += i32::from(!nearest(all, &hit).is_some_and(front));
+        }
+    }
+    2 * backs > count
 }
 
 fn find_visible(

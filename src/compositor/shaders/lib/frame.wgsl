@@ -30,6 +30,10 @@ struct Frame {
     // Region around the virtual objects, world; w of the first = 1 if it has indirect light.
     indirect_low: vec4f,
     indirect_high: vec4f,
+    // Bounds of the grid with the irradiance on virtual surfaces, world; w of the first = 1 if there
+    // is one.
+    on_virtual_low: vec4f,
+    on_virtual_high: vec4f,
     // Bounds of the shadowing planes of the real layer, world; w of the first = 1 if shadowing
     // planes are the technique.
     planes_low: vec4f,
@@ -82,6 +86,8 @@ struct Light {
 // by virtual objects, and beside it along x the light from phantoms without and with them.
 @group(0) @binding(5) var indirect_ground: texture_2d<f32>;
 @group(0) @binding(6) var indirect_volume: texture_3d<f32>;
+// The same on virtual surfaces alone, times a weight, and that weight.
+@group(0) @binding(14) var on_virtual: texture_3d<f32>;
 
 // Returns `x`, in a form that no compiler recognises as uniform. Mesa's software driver compiles
 // the values of uniforms that alone decide a branch or a loop into the shader, and recompiles it

@@ -37,6 +37,28 @@ fn indirect_irradiance(kind: f32, world: vec3f, n: vec3f) -> vec3f {
     return w.x * indirect_facing(face.x, off) + w.y * indirect_facing(face.y, off) + w.z * indirect_facing(face.z, off);
 }
 
+fn on_virtual_facing(face: f32, at: vec3f) -> vec4f {
+    let size = vec3f(textureDimensions(on_virtual)) * vec3f(1.0 / 6.0, 1.0, 1.0);
+    let inside = clamp(at, 0.5 / size, 1.0 - 0.5 / size);
+    return textureSampleLevel(on_virtual, table_sampler, vec3f((inside.x + face) / 6.0, inside.yz), 0.0);
+}
+
+// Indirect irradiance on a virtual surface, and in w the share to which that includes light of other
+// virtual surfaces. Twin of `on_virtual` in the surface cache.
+fn indirect_light_on_virtual(world: vec3f, n: vec3f) -> vec4f {
+    let real = indirect_irradiance(2.0, world, n);
+    let at = (world - frame.on_virtual_low.xyz) / (frame.on_virtual_high.xyz - frame.on_virtual_low.xyz);
+    if (frame.on_virtual_low.w == 0.0) | any(at < vec3f(0.0)) | any(at > vec3f(1.0)) {
+        return vec4f(real, 0.0);
+    }
+    let face = select(vec3f(0.0, 2.0, 4.0), vec3f(1.0, 3.0, 5.0), n < vec3f(0.0));
+    let w = n * n;
+    let sum = w.x * on_virtual_facing(face.x, at) + w.y * on_virtual_facing(face.y, at) + w.z * on_virtual_facing(face.z, at);
+    // On a surface that continues to all sides, the weight is about five times 0.1.
+    let known = min(sum.a / 0.1, 1.0);
+    return vec4f(mix(real, sum.rgb / max(sum.a, 1e-6), known), known);
+}
+
 // Irradiance where no phantom shadows the point.
 fn open_in_real(world: vec3f, n: vec3f) -> vec3f {
     return ground_irradiance(n) + by_normal(irradiance_of_lights, n) + indirect_irradiance(1.0, world, n);

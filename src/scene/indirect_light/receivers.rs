@@ -1,0 +1,163 @@
+//! Irradiance of indirect light on the virtual surfaces that stand still.
+//!
+//! In the directions of other surfaces, the other light of a virtual surface, the unshadowed dome
+//! minus the lights behind obstacles, has nothing (above the horizon) or the radiance L_g of the
+//! ground nearby (below it). With the radiance L of the surface that is visible in direction ω from
+//! a point with normal n, the missing irradiance is (Kajiya 1986; V, R: directions in which virtual
+//! objects and phantoms are visible)
+//!
+//! ```text
+//! ΔE = ∫_V (L(ω) − L_g [ω below]) n·ω dω + ∫_R L(ω) n·ω dω ≈ π/N Σ_k …
+//! ```
+//!
+//! for N directions ω_k with a density of n·ω/π. Phantoms replace nothing: L_g is what the picture
+//! shows around the point's foot, and that shows them where they hide the ground. Rays start at the surface, so it does not see itself
+//! and a convex object sees no virtual surface; L is the surfels' radiosity, which has all bounces.
+
+use super::obstacles::{FirstHit, Obstacles};
+use super::region::Region;
+use super::sampling::{cosine_direction, point_in, world_triangles};
+use super::shares::{DistantLight, GroundShares, SideShares, ground_texel};
+use super::surface_grid::{Splat, SurfaceGrid, SurfaceIrradiance};
+use super::surfels::{ReflectingPoint, Surfels};
+use crate::mesh::Part;
+use glam::{Mat3, Vec3};
+use penumbra_interface::threads;
+use std::f32::consts::{PI, TAU};
+use std::sync::Arc;
+
+/// Number of points on all parts together.
+const COUNT: usize = 3072;
+/// Number of rays from each point.
+const GATHERED: usize = 48;
+/// Points that a thread looks from at a time.
+const CHUNK: usize = 64;
+
+/// Points on virtual surfaces that gather indirect light.
+pub(super) struct Receivers {
+    points: Vec<Receiver>,
+    grid: Arc<SurfaceGrid>,
+    splats: Vec<Splat>,
+}
+
+/// What a point sees.
+struct Receiver {
+    /// Points of virtual surfaces, and whether their direction is below the horizon of a scene with
+    /// a ground.
+    virtual_points: Vec<(ReflectingPoint, bool)>,
+    /// Sides of phantoms.
+    phantoms: Vec<u32>,
+    /// The ground texel that stands for all of the ground in the shading of this point.
+    foot: u32,
+}
+
+impl Receivers {
+    pub fn new<'a>(
+        parts: impl Iterator<Item = &'a Part>,
+        surfels: &Surfels,
+        obstacles: &Obstacles,
+        region: &Region,
+    ) -> Self {
+        let (places, area) = distribute(parts);
+        let mut seen: Vec<Option<Receiver>> = places.iter().map(|_| None).collect();
+        let chunks = places.chunks(CHUNK).zip(seen.chunks_mut(CHUNK));
+        threads::for_each(chunks.enumerate().collect(), |(chunk, (places, seen))| {
+            for (i, (place, seen)) in places.iter().zip(seen).enumerate() {
+                *seen = look(*place, chunk * CHUNK + i, surfels, obstacles, region);
+            }
+        });
+        let outside = places.into_iter().zip(seen);
+        let (places, points): (Vec<_>, Vec<_>) = outside
+            .filter_map(|(place, seen)| Some((place, seen?)))
+            .unzip();
+        let (grid, splats) = SurfaceGrid::around(&places, area);
+        Self {
+            points,
+            grid: Arc::new(grid),
+            splats,
+        }
+    }
+
+    /// Computes the irradiance under a new state of the light.
+    pub fn gather(
+        &self,
+        surfels: &Surfels,
+        ground: &GroundShares,
+        sides: &SideShares,
+        light: &DistantLight<'_>,
+        out: &mut SurfaceIrradiance,
+    ) {
+        let irradiance = self.points.iter().map(|point| {
+            let near = light.floor * ground.share(point.foot);
+            let counted = |is_below: bool| if is_below { near } else { Vec3::ZERO };
+            let from_virtual = point.virtual_points.iter().map(|(p, is_below)| {
+                surfels.radiance(p, ground, sides, light) - counted(*is_below)
+            });
+            let real = point.phantoms.iter();
+            let from_real = real.map(|side| sides.radiance(*side, light));
+            from_virtual.chain(from_real).sum::<Vec3>() * (PI / GATHERED as f32)
+        });
+        out.grid = Arc::clone(&self.grid);
+        out.set(&self.splats, irradiance);
+    }
+}
+
+/// Distributes points (position, normal) over the triangles by area; returns them with the area of
+/// each, square metres.
+fn distribute<'a>(parts: impl Iterator<Item = &'a Part>) -> (Vec<(Vec3, Vec3)>, f32) {
+    let triangles: Vec<[Vec3; 3]> = parts.flat_map(world_triangles).collect();
+    let doubled = |t: &[Vec3; 3]| (t[1] - t[0]).cross(t[2] - t[0]);
+    let total: f32 = triangles.iter().map(|t| 0.5 * doubled(t).length()).sum();
+    let step = total / COUNT as f32;
+    let (mut places, mut passed) = (Vec::with_capacity(COUNT), 0.5 * step);
+    for t in &triangles {
+        passed -= 0.5 * doubled(t).length();
+        while passed < 0.0 && step > 0.0 {
+            passed += step;
+            places.push((point_in(t, places.len()), doubled(t).normalize_or(Vec3::Z)));
+        }
+    }
+    (places, step)
+}
+
+/// The place on the ground whose surroundings the compositor's `bounce` takes for the whole ground
+/// below a point.
+fn foot(position: Vec3, normal: Vec3, floor: f32) -> Vec3 {
+    let aside = normal.truncate() * ((position.z - floor).max(0.0) / 0.7);
+    position + aside.extend(0.0)
+}
+
+/// Finds what a point sees; `None` if it is inside another object.
+fn look(
+    (position, normal): (Vec3, Vec3),
+    index: usize,
+    surfels: &Surfels,
+    obstacles: &Obstacles,
+    region: &Region,
+) -> Option<Receiver> {
+    let origin = position + normal * region.offset();
+    let azimuth = TAU * (index as f64 * 0.618_033_988_749_895).fract() as f32;
+    let (tangent, other) = normal.any_orthonormal_pair();
+    let world_from_local = Mat3::from_cols(tangent, other, normal);
+    let mut seen = Receiver {
+        virtual_points: Vec::new(),
+        phantoms: Vec::new(),
+        foot: ground_texel(region, foot(position, normal, region.floor)),
+    };
+    let mut inside = 0;
+    for k in 0..GATHERED {
+        let d = world_from_local * cosine_direction(k, GATHERED, azimuth);
+        let is_below = obstacles.floor.is_some() && d.z < 0.0;
+        match obstacles.first_hit(origin, d) {
+            FirstHit::Sky | FirstHit::Ground(_) => (),
+            FirstHit::Phantom(side) => seen.phantoms.push(side),
+            FirstHit::Virtual(hit) => match surfels.reflecting_point(&hit, d, obstacles, region) {
+                Some(point) if surfels.is_front(&point, &hit) => {
+                    seen.virtual_points.push((point, is_below));
+                }
+                _ => inside += 1,
+            },
+        }
+    }
+    (2 * inside < GATHERED).then_some(seen)
+}
