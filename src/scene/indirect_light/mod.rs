@@ -5,7 +5,8 @@
 //! every new state of the light the surfels' radiosity follows by sums over these lists
 //! (progressive radiosity, Cohen et al. 1988, on point samples; one more bounce each time), and
 //! from it the change of irradiance on the ground (a grid) and in the air around the objects (a
-//! volume of ambient cubes, McTaggart 2004).
+//! volume of ambient cubes, McTaggart 2004), and the light between virtual surfaces (points on them,
+//! in a grid).
 
 mod blend;
 mod directions;

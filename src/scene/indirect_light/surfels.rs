@@ -234,7 +234,7 @@ impl CompactSources {
 }
 
 /// Distributes surfels over the triangles by area.
-fn distribute(parts: &[Part]) -> Vec<Surfel> {
+fn distribute(parts: &[Part], count: usize) -> Vec<Surfel> {
     let corners: Vec<(usize, [Vec3; 3])> = parts
         .iter()
         .enumerate()
