@@ -244,10 +244,7 @@ impl Compositor {
             lights: mapped.len() as u32,
             lamps_apart: plan.lamps_apart,
             ground_height: self.scene.ground_height,
-            highest_surroundings_level: self
-                .pictures
-                .as_ref()
-                .map_or(0, |p| p.surroundings.highest_level()),
+            highest_surroundings_level: self.highest_surroundings_level(),
             highest_gloss_level: self.light_maps.gloss.highest_level(),
             exposure_factor: self.exposure.factor(),
         });
@@ -257,9 +254,7 @@ impl Compositor {
         plan.cleared = self.cover.rectangle_to_clear();
         let stage = self.planes.as_mut().filter(|_| by_planes);
         let cache = (&self.gpu.queue, self.surface_light.as_ref());
-        let lights = stage.map_or(lights, |stage| {
-            stage.shade(input, &mut uniform, lights, cache)
-        });
+        let lights = stage.map_or(lights, |s| s.shade(input, &mut uniform, lights, cache));
         let slots = &self.slots;
         let each = lights.iter().enumerate().map(|(i, light)| {
             if by_planes || cached {
@@ -272,6 +267,11 @@ impl Compositor {
         self.upload_lamps(input, has_virtual);
         self.prepare_look(input, view, has_virtual);
         Ok(plan)
+    }
+
+    fn highest_surroundings_level(&self) -> u32 {
+        let pictures = self.pictures.as_ref();
+        pictures.map_or(0, |p| p.surroundings.highest_level())
     }
 
     /// Brings the light of the dome's `lights` on surfaces up to date, `by_planes` the visibility of

@@ -75,25 +75,12 @@ impl VirtualGeometryPass {
         let textured = ["virtual_vertex", "virtual_fragment"];
         let surfaces = [Some(wgpu::Face::Back), None]
             .map(|cull| [plain, textured].map(|entries| build(cull, entries)));
-        let build = |spec: PipelineSpec<'_>| spec.build(device);
         // Software drivers clear every sample of a target in memory, which takes longer than to
         // draw over the part that may be covered; on a GPU to clear costs nothing.
-        let clear = variant.cached.then(|| {
-            build(PipelineSpec {
-                label: "clear",
-                module: &module,
-                groups: &[frame],
-                vertex: "cover",
-                buffers: &[],
-                fragment: Some("nothing"),
-                targets: &[first],
-                colours: wgpu::ColorWrites::ALL,
-                depth: Some(DepthTest::writing(wgpu::CompareFunction::Always)),
-                cull: None,
-                samples: variant.samples,
-            })
-        });
-        let occluder = build(PipelineSpec {
+        let clear = variant
+            .cached
+            .then(|| clear(device, &module, frame, variant.samples));
+        let occluder = PipelineSpec {
             label: "occluder",
             module: &module,
             groups: &[frame],
@@ -105,7 +92,8 @@ impl VirtualGeometryPass {
             depth: Some(DepthTest::NEAREST),
             cull: Some(wgpu::Face::Back),
             samples: variant.samples,
-        });
+        }
+        .build(device);
         Self {
             surfaces,
             occluder,
@@ -213,4 +201,27 @@ impl VirtualGeometryPass {
         pass.set_index_buffer(mesh.indices.slice(..), wgpu::IndexFormat::Uint32);
         pass.draw_indexed(0..mesh.count, 0, 0..1);
     }
+}
+
+/// Compiles the pipeline that draws over what is there: no surface, as far away as can be.
+fn clear(
+    device: &wgpu::Device,
+    module: &wgpu::ShaderModule,
+    frame: &wgpu::BindGroupLayout,
+    samples: u32,
+) -> wgpu::RenderPipeline {
+    PipelineSpec {
+        label: "clear",
+        module,
+        groups: &[frame],
+        vertex: "cover",
+        buffers: &[],
+        fragment: Some("nothing"),
+        targets: &format::VIRTUAL[..1],
+        colours: wgpu::ColorWrites::ALL,
+        depth: Some(DepthTest::writing(wgpu::CompareFunction::Always)),
+        cull: None,
+        samples,
+    }
+    .build(device)
 }
