@@ -20,6 +20,7 @@ fn even(change: Vec3, real: Vec3) -> IndirectLight {
         change: fill(change),
         real: fill(real),
         real_now: fill(real),
+        ..IndirectLight::default()
     }
 }
 
