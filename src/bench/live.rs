@@ -35,6 +35,8 @@ const WARM_UP: u64 = 60;
 const FRAMES: u32 = 900;
 /// Timeout of a row, per picture.
 const TIMEOUT_PER_PICTURE: Duration = Duration::from_millis(500);
+/// Timeout of a row until its first picture: drivers compile shaders, and the first light is found.
+const TIMEOUT_TO_START: Duration = Duration::from_secs(30);
 /// Interval at which the rig's status is read; long enough not to slow the rig.
 const POLL_INTERVAL: Duration = Duration::from_millis(100);
 
@@ -154,18 +156,21 @@ fn measure(gpu: &Gpu, config: &Config, frames: u32) -> Result<LiveRow, BenchErro
 /// then stops the rig.
 fn watch(status: &SharedStatus, shutdown: &AtomicBool, frames: u64) -> (Snapshot, Snapshot, f64) {
     let warm_up = WARM_UP.min(frames);
-    let before = wait_for_pictures(status, warm_up, warm_up);
+    let timeout = |pictures: u64| {
+        TIMEOUT_PER_PICTURE.saturating_mul(u32::try_from(pictures).unwrap_or(u32::MAX))
+    };
+    wait_for_pictures(status, 1, TIMEOUT_TO_START);
+    let before = wait_for_pictures(status, warm_up, timeout(warm_up));
     let begun = Instant::now();
-    let after = wait_for_pictures(status, before.frames.composed + frames, frames);
+    let after = wait_for_pictures(status, before.frames.composed + frames, timeout(frames));
     let seconds = begun.elapsed().as_secs_f64();
     shutdown.store(true, Ordering::Relaxed);
     (before, after, seconds)
 }
 
-/// Waits for a total number of pictures, or for the timeout of `pictures`, and returns the status.
-fn wait_for_pictures(status: &SharedStatus, total: u64, pictures: u64) -> Snapshot {
+/// Waits for a total number of pictures, or for the timeout, and returns the status.
+fn wait_for_pictures(status: &SharedStatus, total: u64, timeout: Duration) -> Snapshot {
     let begun = Instant::now();
-    let timeout = TIMEOUT_PER_PICTURE.saturating_mul(u32::try_from(pictures).unwrap_or(u32::MAX));
     loop {
         let snapshot = status.snapshot();
         if snapshot.frames.composed >= total || begun.elapsed() > timeout {
