@@ -14,7 +14,7 @@ use penumbra_compositor::planes::{PlanesChoice, SourceBaker, bake};
 use penumbra_compositor::{Compositor, CompositorSettings, FrameInput, Gpu, GpuError, Refresh};
 use penumbra_interface::{MonotonicTime, RigidTransform};
 use penumbra_lighting::geodesic::{FaceLight, FaceSource, GeodesicDome, Membership};
-use penumbra_lighting::{CubeMap, DomeLight, Harmonics, LightKind, Lighting};
+use penumbra_lighting::{CubeMap, DomeLight, Harmonics, LightKind, LightPlace, Lighting};
 use penumbra_scene::gate::temple_gate;
 use penumbra_scene::planes::{Bake, BakeSettings, PlaneSettings, generate};
 use penumbra_scene::{Material, Part, Scene, primitives};
@@ -241,6 +241,7 @@ impl Sky {
             irradiance: Vec3::new(1.0, 1.0, 0.9) * sun * 0.0126,
             angular_radius: 0.06,
             kind: LightKind::Compact,
+            place: LightPlace::FAR,
         };
         let mut irradiance = Harmonics::default();
         irradiance.coefficients[0] = Vec3::new(0.8, 1.0, 1.4);
@@ -249,6 +250,7 @@ impl Sky {
             irradiance: Vec3::new(0.8, 1.0, 1.4),
             angular_radius: 1.0,
             kind: LightKind::Cell,
+            place: LightPlace::FAR,
         };
         Lighting {
             captured_at: MonotonicTime::default(),

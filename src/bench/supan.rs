@@ -9,7 +9,7 @@ use glam::{DMat4, DVec3, Vec3, Vec4};
 use penumbra_camera::Response;
 use penumbra_compositor::{Compositor, CompositorSettings, FrameInput, Gpu, GpuError, Refresh};
 use penumbra_interface::{MonotonicTime, RigidTransform};
-use penumbra_lighting::{CubeMap, DomeLight, Harmonics, LightKind, Lighting};
+use penumbra_lighting::{CubeMap, DomeLight, Harmonics, LightKind, LightPlace, Lighting};
 use penumbra_scene::{Material, Mesh, Part, Scene, primitives};
 use std::sync::Arc;
 use std::time::Instant;
@@ -135,6 +135,7 @@ fn lighting(count: u32) -> Lighting {
                     / count as f32,
                 angular_radius: 0.12,
                 kind: LightKind::Cell,
+                place: LightPlace::FAR,
             }
         })
         .collect();

@@ -8,12 +8,13 @@
 use super::caster_hull::{CasterHull, Fit, fit};
 use super::gpu_data::LightUniform;
 use glam::{Mat4, Vec3};
-use penumbra_lighting::{DomeLight, LightKind};
+use penumbra_lighting::{DomeLight, LightKind, LightPlace};
 
 /// The state of one shadow map.
 #[derive(Clone, Copy, Debug)]
 struct Slot {
     direction: Vec3,
+    place: LightPlace,
     fits: (Fit, Fit),
     /// Generation of the casters in the map; 0 if it was never drawn.
     casters: u64,
@@ -22,6 +23,7 @@ struct Slot {
 impl Slot {
     const NEVER_DRAWN: Self = Self {
         direction: Vec3::Z,
+        place: LightPlace::FAR,
         fits: (Fit::NOWHERE, Fit::NOWHERE),
         casters: 0,
     };
@@ -131,6 +133,7 @@ impl ShadowSlots {
             let phantom_fit = fit(&self.phantom_hull, direction, map_size);
             self.slots[i] = Slot {
                 direction,
+                place: lights[i].place,
                 fits: (virtual_fit, phantom_fit),
                 casters: self.casters,
             };
@@ -143,7 +146,8 @@ impl ShadowSlots {
             if slot.casters == 0 {
                 return f32::INFINITY;
             }
-            let turned = slot.direction.distance(light.direction);
+            let turned =
+                slot.direction.distance(light.direction) + slot.place.parallax_to(&light.place);
             let is_turned = turned > self.tolerance * light.angular_radius;
             let turned = if is_turned { turned } else { 0.0 };
             // Urgency grows with age: where casters move in every frame, every map gets its
@@ -213,6 +217,7 @@ mod tests {
             irradiance: Vec3::ONE,
             angular_radius: 0.1,
             kind: LightKind::Cell,
+            place: LightPlace::FAR,
         }
     }
 

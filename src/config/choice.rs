@@ -62,6 +62,28 @@ pub enum Unseen {
     Black,
 }
 
+/// Where lamps are.
+#[derive(
+    Clone,
+    Copy,
+    Debug,
+    Default,
+    PartialEq,
+    Eq,
+    clap::ValueEnum,
+    serde::Deserialize,
+    serde::Serialize,
+)]
+#[serde(rename_all = "kebab-case")]
+pub enum LightPlaces {
+    /// `"estimate"`: at the distance that the real shadows in the scene camera's picture tell; else
+    /// infinitely far.
+    #[default]
+    Estimate,
+    /// `"far"`: infinitely far, unless a place is stated.
+    Far,
+}
+
 /// How long pictures of a recording wait for matching readings.
 #[derive(
     Clone,

@@ -43,6 +43,7 @@ fn convert(file: ConfigFile, folder: &Path) -> Result<Config> {
     config.calibration = file.calibration.from.map(|path| folder.join(path));
     devices::recording(file.recording, folder, &mut config.recording)?;
     environment(file.environment, &mut config.environment)?;
+    config.environment.room_lights = room_lights(&file.room_light)?;
     registration(&file.registration, &mut config.registration)?;
     white_balance(&file.white_balance, &mut config.white_balance)?;
     shadows(&file.shadows, &mut config.shadows)?;
@@ -128,7 +129,38 @@ fn environment(file: file::Environment, out: &mut EnvironmentConfig) -> Result<(
         1.0..=60_000.0,
     )?;
     set(&mut out.stale_after_nanos, stale);
+    set(&mut out.light_places, file.light_places);
     Ok(())
+}
+
+/// Maximum number of stated lamps.
+const MAX_ROOM_LIGHTS: usize = 16;
+/// Maximum distance of a stated lamp from the world's origin along an axis, metres.
+const ROOM: f64 = 1000.0;
+
+fn room_lights(file: &[file::RoomLight]) -> Result<Vec<[f64; 3]>> {
+    if file.len() > MAX_ROOM_LIGHTS {
+        return Err(Fault::new(
+            "room_light",
+            format!(
+                "expected at most {MAX_ROOM_LIGHTS} lamps, found {}",
+                file.len()
+            ),
+        ));
+    }
+    let position = |(i, light): (usize, &file::RoomLight)| {
+        let inside = light.position.iter().all(|x| x.abs() <= ROOM);
+        inside.then_some(light.position).ok_or_else(|| {
+            Fault::new(
+                format!("room_light[{i}].position"),
+                format!(
+                    "expected metres from -{ROOM} to {ROOM}, found {:?}",
+                    light.position
+                ),
+            )
+        })
+    };
+    file.iter().enumerate().map(position).collect()
 }
 
 fn white_balance(file: &file::WhiteBalance, out: &mut WhiteBalanceConfig) -> Result<()> {

@@ -1,8 +1,8 @@
 //! The sections of the configuration file; every key is optional. `config/rig.toml` documents them.
 
 use super::choice::{
-    Antialias, Clipped, FollowLatency, Monitor, Quality, Refresh, ReplayPairing, ReplaySpeed,
-    Technique, ToneCurve, Unseen,
+    Antialias, Clipped, FollowLatency, LightPlaces, Monitor, Quality, Refresh, ReplayPairing,
+    ReplaySpeed, Technique, ToneCurve, Unseen,
 };
 use super::devices::{
     CalibrationFile, CameraFile, ControlChange, ControlValue, FormatName, RecordingFile,
@@ -30,6 +30,7 @@ pub(super) struct ConfigFile {
     pub calibration: CalibrationFile,
     pub recording: RecordingFile,
     pub environment: Environment,
+    pub room_light: Vec<RoomLight>,
     pub registration: RegistrationFile,
     pub white_balance: WhiteBalance,
     pub shadows: Shadows,
@@ -100,6 +101,14 @@ pub(super) struct Environment {
     pub irradiance: Option<IrradianceMethod>,
     pub unseen: Option<Unseen>,
     pub stale_after_ms: Option<f64>,
+    pub light_places: Option<LightPlaces>,
+}
+
+/// A lamp whose place is known.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct RoomLight {
+    pub position: [f64; 3],
 }
 
 #[derive(Debug, Default, Deserialize)]

@@ -16,8 +16,8 @@ mod renamed;
 pub mod token;
 
 pub use choice::{
-    Antialias, Clipped, FollowLatency, Monitor, Quality, Refresh, ReplayPairing, ReplaySpeed,
-    Technique, ToneCurve, Unseen,
+    Antialias, Clipped, FollowLatency, LightPlaces, Monitor, Quality, Refresh, ReplayPairing,
+    ReplaySpeed, Technique, ToneCurve, Unseen,
 };
 pub use convert::{LIGHT_COUNTS, listen_needs_token};
 pub use device_source::{CameraSource, REPLAY_PREFIX, TrackerSource, replay_name};
@@ -127,6 +127,10 @@ pub struct EnvironmentConfig {
     pub unseen: Unseen,
     /// Lighting older than this is flagged, nanoseconds.
     pub stale_after_nanos: i64,
+    /// Whether the places of lamps are estimated.
+    pub light_places: LightPlaces,
+    /// `[[room_light]]`: places of lamps as stated, world, metres.
+    pub room_lights: Vec<[f64; 3]>,
 }
 
 /// `[white_balance]`
@@ -318,6 +322,8 @@ impl Default for EnvironmentConfig {
             irradiance: IrradianceMethod::Harmonics,
             unseen: Unseen::SceneCamera,
             stale_after_nanos: 500_000_000,
+            light_places: LightPlaces::Estimate,
+            room_lights: Vec::new(),
         }
     }
 }

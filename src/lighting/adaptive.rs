@@ -5,6 +5,7 @@ use super::cells::Cells;
 use super::cube::CubeGrid;
 use super::geodesic::FaceSource;
 use super::light::{DomeLight, LightKind};
+use super::place::{LightPlace, Viewpoints};
 use super::sources::{LUMINANCE, Source};
 use super::tracking::{SourceTracker, above_horizon};
 use glam::{Mat3, Vec3};
@@ -23,12 +24,16 @@ const MIN_CELL_SHARE: f32 = 0.25;
 /// A complete compact source.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CompactSource {
-    /// Unit vector towards its centre of energy, world.
+    /// Constant while the source is followed, and never reused.
+    pub id: u32,
+    /// Unit vector from the observer towards its centre of energy, world.
     pub direction: Vec3,
-    /// Irradiance on a surface that faces it, scene camera units.
+    /// Irradiance on a surface that faces it at the observer, scene camera units.
     pub irradiance: Vec3,
     /// Half angle of a cone with its solid angle, radians.
     pub angular_radius: f32,
+    /// The reciprocal of its distance from the observer, 1/m; 0 if it is far or not known.
+    pub inverse_distance: f32,
     /// Number of dome lights that represent it.
     pub lights: usize,
 }
@@ -62,6 +67,7 @@ impl AdaptiveDome {
             irradiance: Vec3::ZERO,
             angular_radius: 0.0,
             kind: LightKind::Cell,
+            place: LightPlace::FAR,
         };
         Self {
             budget,
@@ -79,7 +85,7 @@ impl AdaptiveDome {
     /// of `grid` hold the rest of the environment, in the scene camera's units.
     pub fn update(
         &mut self,
-        sources: &[Source],
+        (sources, views): (&[Source], &Viewpoints),
         directions: &[Vec3],
         gains: Mat3,
         texels: &[Vec3],
@@ -93,7 +99,7 @@ impl AdaptiveDome {
         let mut requested = Vec::with_capacity(self.budget);
         for source in &mut self.tracker.sources {
             let id = source.id;
-            let lights = source.split(self.ground).into_iter().enumerate();
+            let lights = source.split(self.ground, views).into_iter().enumerate();
             requested.extend(lights.map(|(leaf, light)| (Owner::Source { id, leaf }, light)));
         }
         let cells = self
@@ -106,15 +112,27 @@ impl AdaptiveDome {
         self.lights.clone()
     }
 
+    /// Sets the distances of sources from the observer, as reciprocals, 1/m, by their ids; those of
+    /// the other sources stay as they were.
+    pub fn set_distances(&mut self, distances: &[(u32, f32)]) {
+        for source in &mut self.tracker.sources {
+            let known = distances.iter().find(|(id, _)| *id == source.id);
+            source.inverse_distance =
+                known.map_or(source.inverse_distance, |(_, inverse)| *inverse);
+        }
+    }
+
     /// Returns the compact sources of the last frame, in no particular order.
     #[must_use]
     pub fn sources(&self) -> Vec<CompactSource> {
         let tracked = self.tracker.sources.iter();
         tracked
             .map(|s| CompactSource {
+                id: s.id,
                 direction: s.direction,
                 irradiance: s.flux,
                 angular_radius: s.radius(),
+                inverse_distance: s.inverse_distance,
                 lights: s.lights,
             })
             .collect()
@@ -274,13 +292,15 @@ impl AdaptiveDome {
 
     fn put(&mut self, slot: usize, owner: Owner, mut light: DomeLight) {
         let old = self.lights[slot];
-        let moved = old.direction.angle_between(light.direction);
+        let moved =
+            old.direction.angle_between(light.direction) + old.place.parallax_to(&light.place);
         let same = self.owners[slot] == owner && old.irradiance != Vec3::ZERO;
         if same && moved < DEAD_BAND * light.angular_radius {
             if self.ground {
                 light.irradiance *= light.direction.z / old.direction.z;
             }
             light.direction = old.direction;
+            light.place = old.place;
         }
         self.owners[slot] = owner;
         self.lights[slot] = light;

@@ -179,6 +179,7 @@ impl BrightestFollower {
 
 #[cfg(test)]
 mod tests {
+    use super::super::LightPlace;
     use super::*;
     use proptest::prelude::*;
 
@@ -188,6 +189,7 @@ mod tests {
             irradiance: Vec3::splat(strength),
             angular_radius: 0.01,
             kind: LightKind::Compact,
+            place: LightPlace::FAR,
         }
     }
 
@@ -203,6 +205,7 @@ mod tests {
                 irradiance: Vec3::splat(2.0 * strength / 200.0),
                 angular_radius: (1.0 - 1.0 / 200.0_f32).acos(),
                 kind: LightKind::Cell,
+                place: LightPlace::FAR,
             }
         };
         (0..200).map(cell).collect()

@@ -8,6 +8,7 @@
 
 use super::cube::CubeGrid;
 use super::light::{DomeLight, LightKind};
+use super::place::LightPlace;
 use super::sources::LUMINANCE;
 use super::tracking::above_horizon;
 use glam::{Mat3, Vec3};
@@ -138,6 +139,7 @@ impl CellSum {
             irradiance: self.flux / if ground { direction.z } else { 1.0 },
             angular_radius: (effective / PI).sqrt(),
             kind: LightKind::Cell,
+            place: LightPlace::FAR,
         }
     }
 }

@@ -12,6 +12,7 @@
 
 use super::cube::CubeGrid;
 use super::light::{DomeLight, LightKind};
+use super::place::LightPlace;
 use glam::Vec3;
 use std::f32::consts::PI;
 
@@ -82,6 +83,7 @@ impl DomeGrid {
                 irradiance,
                 angular_radius: (solid_angle / PI).sqrt(),
                 kind: LightKind::Cell,
+                place: LightPlace::FAR,
             })
             .collect();
         if self.ground {

@@ -8,6 +8,7 @@ use super::harmonics::{HarmonicsTable, blurred, pin_upward};
 use super::hdr::{Bracket, BracketMerger, scales};
 use super::light::{DomeLight, Harmonics, Lighting};
 use super::memory::RadianceAccumulator;
+use super::place::Viewpoints;
 use super::prefilter::Prefilter;
 use super::probe::LastSphere;
 use super::resample::{GatherTable, Hidden, PixelDirections, inpaint};
@@ -18,7 +19,7 @@ use super::shadow_ratio::{Ground, clipped_factor};
 use super::sources::{LUMINANCE, Layout, SampleGrid, Source, SourceFinder, SourceSettings};
 use super::stages::Stages;
 use faces::{FaceTable, Filling};
-use glam::{Mat3, Vec3};
+use glam::{DVec3, Mat3, Vec3};
 use penumbra_camera::EnvironmentView;
 use penumbra_camera::PlacedView;
 use penumbra_camera::Response;
@@ -78,6 +79,7 @@ pub struct EnvironmentEstimator {
     confidence: Vec<f32>,
     clipped_mask: Vec<bool>,
     last_sphere: LastSphere,
+    reference: DVec3,
     generation: u64,
     /// Ratio of the clipped pixels' brightness to white, estimated from the scene's shadows.
     shadow_factor: Option<f32>,
@@ -142,6 +144,7 @@ impl EnvironmentEstimator {
             confidence: Vec::new(),
             clipped_mask: Vec::new(),
             last_sphere: LastSphere::default(),
+            reference: DVec3::ZERO,
             generation: 0,
             shadow_factor: None,
             neighbours: grid.neighbours(),
@@ -169,6 +172,33 @@ impl EnvironmentEstimator {
     #[must_use]
     pub const fn settings(&self) -> &EnvironmentSettings {
         &self.settings
+    }
+
+    /// Sets the point for which near lights are stated, the middle of the virtual objects, world,
+    /// metres.
+    pub const fn set_reference(&mut self, reference: DVec3) {
+        self.reference = reference;
+    }
+
+    /// Sets the distances of compact sources from the observer, as reciprocals, 1/m, by their ids
+    /// ([`CompactSource::id`]); from the next update on.
+    pub fn set_distances(&mut self, distances: &[(u32, f32)]) {
+        if let Dome::Adaptive(dome) = &mut self.dome {
+            dome.set_distances(distances);
+        }
+    }
+
+    /// Returns the point from which the environment is seen, world, metres; `None` while a sphere
+    /// in the scene has not been seen.
+    #[must_use]
+    pub fn observer(&self) -> Option<DVec3> {
+        match &self.view {
+            EnvironmentView::Fisheye {
+                world_from_camera, ..
+            } => Some(world_from_camera.translation),
+            EnvironmentView::Sphere { sphere, .. } => Some(sphere.centre_in_world),
+            EnvironmentView::SphereInScene { .. } => self.last_sphere.centre,
+        }
     }
 
     /// Changes placement and number of lights while running, without affecting other settings.
@@ -266,9 +296,19 @@ impl EnvironmentEstimator {
             View::Fixed(fixed) => &fixed.pixels.directions,
             View::Moving(_) => &self.grid.directions,
         };
+        let views = Viewpoints {
+            observer: self.observer().unwrap_or(self.reference),
+            reference: self.reference,
+        };
         let (lights, irradiance) = match &mut self.dome {
             Dome::Adaptive(dome) => (
-                dome.update(sources, directions, input.gains, &fine, &self.fine),
+                dome.update(
+                    (sources, &views),
+                    directions,
+                    input.gains,
+                    &fine,
+                    &self.fine,
+                ),
                 self.settings
                     .irradiance(&self.harmonics, &self.grid, &residual),
             ),

@@ -1,5 +1,6 @@
 //! The estimated light, as the compositor receives it.
 
+use super::place::LightPlace;
 use glam::Vec3;
 use penumbra_interface::MonotonicTime;
 use std::sync::Arc;
@@ -119,19 +120,21 @@ pub enum LightKind {
     Compact,
 }
 
-/// A directional light of the dome (Supan 2006, section V C).
+/// A light of the dome (Supan 2006, section V C): infinitely far, or, if its place is known, near.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DomeLight {
-    /// Unit vector from the scene to the light, world.
+    /// Unit vector to the light, world; to a near one from the reference of its place.
     pub direction: Vec3,
     /// Radiance integrated over the light's solid angle, RGB: irradiance on a surface
-    /// that faces it.
+    /// that faces it; of a near light at the reference of its place.
     pub irradiance: Vec3,
     /// Half angle of a cone with the light's solid angle, radians: determines the softness of its
     /// shadow.
     pub angular_radius: f32,
     /// Cell or compact source.
     pub kind: LightKind,
+    /// How far it is.
+    pub place: LightPlace,
 }
 
 /// All the light at one instant.

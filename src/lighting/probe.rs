@@ -1,5 +1,6 @@
 //! State of the light probe, a mirrored sphere in the scene camera's picture, and of its map.
 
+use glam::DVec3;
 use penumbra_interface::MonotonicTime;
 
 /// The map accumulated from a mirrored sphere, and when the sphere was seen.
@@ -23,11 +24,19 @@ pub struct ProbeMap {
 pub(super) struct LastSphere {
     pub(super) seen_at: Option<MonotonicTime>,
     pub(super) rim_shift: Option<f64>,
+    /// World, metres.
+    pub(super) centre: Option<DVec3>,
 }
 
 impl LastSphere {
     /// Records an observation.
-    pub const fn record(&mut self, at: MonotonicTime, rim_shift: Option<f64>) {
+    pub const fn record(
+        &mut self,
+        at: MonotonicTime,
+        rim_shift: Option<f64>,
+        centre: Option<DVec3>,
+    ) {
+        self.centre = centre;
         self.seen_at = Some(at);
         self.rim_shift = rim_shift;
     }

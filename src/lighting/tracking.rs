@@ -2,6 +2,7 @@
 
 use super::cube::tangent_frame;
 use super::light::{DomeLight, LightKind};
+use super::place::{Seen, Viewpoints};
 use super::sources::{LUMINANCE, Source};
 use glam::{Mat3, Vec3};
 use std::f32::consts::PI;
@@ -25,6 +26,8 @@ pub(super) struct TrackedSource {
     pub direction: Vec3,
     pub flux: Vec3,
     pub solid_angle: f32,
+    /// The reciprocal of its distance from the observer, 1/m; 0 if that is not known.
+    pub inverse_distance: f32,
     /// Number of dome lights into which it is split; 0 = not planned yet.
     pub lights: usize,
     /// First tangent vector, transported with the source, so that the pattern of lights moves with
@@ -42,6 +45,7 @@ impl TrackedSource {
             direction: source.direction,
             flux: Vec3::ZERO,
             solid_angle: 0.0,
+            inverse_distance: 0.0,
             lights: 0,
             axis: tangent_frame(source.direction).0,
             cuts: Vec::new(),
@@ -95,11 +99,12 @@ impl TrackedSource {
     }
 
     /// Returns its lights, always in the same order.
-    pub fn split(&mut self, ground: bool) -> Vec<DomeLight> {
+    pub fn split(&mut self, ground: bool, views: &Viewpoints) -> Vec<DomeLight> {
         let mut lights = Vec::with_capacity(self.lights);
         let mut cuts = std::mem::take(&mut self.cuts);
         let axes = (self.axis, self.direction.cross(self.axis));
         let mut next = 0;
+        let inverse_distance = self.inverse_distance;
         let leaf_solid_angle = self.solid_angle / self.lights.max(1) as f32;
         cut(
             &mut self.parts.clone(),
@@ -108,7 +113,8 @@ impl TrackedSource {
             &mut cuts,
             &mut next,
             &mut |leaf| {
-                lights.push(light_of(leaf, leaf_solid_angle, ground));
+                let seen = seen_from(leaf, leaf_solid_angle, ground);
+                lights.push(light_of(seen, inverse_distance, ground, views));
             },
         );
         self.cuts = cuts;
@@ -188,7 +194,8 @@ fn spread(parts: &[Part], axis: Vec3) -> f32 {
     moment(&|x| (x - mean) * (x - mean))
 }
 
-fn light_of(parts: &[Part], solid_angle: f32, ground: bool) -> DomeLight {
+/// Returns parts of a source as one light, as the observer sees it.
+fn seen_from(parts: &[Part], solid_angle: f32, ground: bool) -> Seen {
     let centre: Vec3 = parts.iter().map(|p| p.direction * p.weight).sum();
     let direction = above_horizon(centre.try_normalize().unwrap_or(Vec3::Z), ground);
     let sum = |f: &dyn Fn(&Part) -> f32| parts.iter().map(|p| p.flux * f(p)).sum::<Vec3>();
@@ -197,11 +204,22 @@ fn light_of(parts: &[Part], solid_angle: f32, ground: bool) -> DomeLight {
     } else {
         sum(&|_| 1.0)
     };
-    DomeLight {
+    Seen {
         direction,
         irradiance,
         angular_radius: (solid_angle / PI).sqrt(),
+    }
+}
+
+/// Returns a light as the scene sees it.
+fn light_of(seen: Seen, inverse_distance: f32, ground: bool, views: &Viewpoints) -> DomeLight {
+    let (moved, place) = views.moved(seen, inverse_distance);
+    DomeLight {
+        direction: above_horizon(moved.direction, ground),
+        irradiance: moved.irradiance,
+        angular_radius: moved.angular_radius,
         kind: LightKind::Compact,
+        place,
     }
 }
 

@@ -137,6 +137,7 @@ fn blend(pixel: &mut [u8], colour: Vec3, share: f32) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use penumbra_lighting::LightPlace;
     use proptest::prelude::*;
 
     const HEIGHT: u32 = 128;
@@ -147,6 +148,7 @@ mod tests {
             irradiance: Vec3::ONE,
             angular_radius: 0.1,
             kind,
+            place: LightPlace::FAR,
         }
     }
 

@@ -3,6 +3,7 @@
 use crate::depth_map::{DepthMap, View};
 use crate::layout::Bounds;
 use glam::{DMat4, Vec2, Vec3};
+use penumbra_lighting::DomeLight;
 use penumbra_scene::{Motion, Part, Scene, Vertex};
 use std::collections::HashMap;
 
@@ -157,15 +158,15 @@ impl Casters {
     /// Draws the maps of a light: of virtual casters and of phantoms, where there are any.
     pub fn draw<'a>(
         &self,
-        to_light: Vec3,
+        light: &DomeLight,
         to: &'a mut LightMaps,
     ) -> [Option<(&'a DepthMap, View)>; 2] {
         let [first, second] = &mut to.maps;
         let [coarse, fine, real] = &self.sets;
         let own = if to.is_compact { fine } else { coarse };
         [
-            own.draw(to_light, first, &mut to.projected),
-            real.draw(to_light, second, &mut to.projected),
+            own.draw(light, first, &mut to.projected),
+            real.draw(light, second, &mut to.projected),
         ]
     }
 }
@@ -211,11 +212,11 @@ impl Set {
 
     fn draw<'a>(
         &self,
-        to_light: Vec3,
+        light: &DomeLight,
         map: &'a mut DepthMap,
         projected: &mut Vec<(Vec2, f32)>,
     ) -> Option<(&'a DepthMap, View)> {
-        let view = View::fitted(self.outermost(), to_light, map.size())?;
+        let view = View::fitted(self.outermost(), light, map.size())?;
         pulp::Arch::new().dispatch(Drawing {
             set: self,
             view: &view,
@@ -330,6 +331,7 @@ fn is_ground(part: &Part, scene: &Scene) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use penumbra_lighting::{LightKind, LightPlace};
     use penumbra_scene::primitives;
 
     #[test]
@@ -339,8 +341,14 @@ mod tests {
         let volume = closed_volume(&positions, &mesh.indices).expect("closed");
         let exact = 2.0 * std::f32::consts::PI.powi(2) * 0.09 * 0.035 * 0.035;
         assert!((volume / exact - 1.0).abs() < 0.02, "{volume} {exact}");
-        let to_light = Vec3::new(0.3, -0.5, 0.6).normalize();
-        let view = View::fitted(positions.iter().copied(), to_light, 64).expect("points");
+        let light = DomeLight {
+            direction: Vec3::new(0.3, -0.5, 0.6).normalize(),
+            irradiance: Vec3::ONE,
+            angular_radius: 0.1,
+            kind: LightKind::Cell,
+            place: LightPlace::FAR,
+        };
+        let view = View::fitted(positions.iter().copied(), &light, 64).expect("points");
         let corners: Vec<_> = positions.iter().map(|p| view.project(*p)).collect();
         let [front, all] = [true, false].map(|closed| {
             let mut map = DepthMap::new(64);

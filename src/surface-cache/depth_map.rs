@@ -1,21 +1,39 @@
-//! Orthographic depth maps of casters as a distant light sees them, rasterised on the processor.
+//! Depth maps of casters as a light sees them, rasterised on the processor.
+//!
+//! The map of a distant light is orthographic. A near one is moved to infinity together with the
+//! space around it, by the projective map that keeps the plane through the light's reference
+//! across its direction:
+//!
+//! ```text
+//!   (x, y, h) → (x, y, h) / w,   w = 1 − κ h
+//! ```
+//!
+//! with x, y across the direction and h along it, towards the light, from the reference; κ is the
+//! reciprocal of its distance. Lines stay lines, and all rays from the light become parallel, so
+//! its map is orthographic, too. A lamp of radius R becomes a disc of the angular radius κ R, so
+//! penumbrae keep their form.
 
-use crate::lanes::{dot, gather, whole};
+use crate::lanes::{dot, dot_each, gather, whole};
 use crate::layout::Bounds;
 use crate::ranges::Ranges;
 use glam::{Vec2, Vec3};
+use penumbra_lighting::{DomeLight, LightPlace};
 use pulp::Simd;
 
 /// Depth where there is no caster, metres.
 pub const FAR: f32 = f32::INFINITY;
 
-/// A view along a direction, fitted to casters.
+/// Least w of points that are drawn: nearer to a near light, or behind it, nothing casts shadows.
+pub const LEAST_W: f32 = 0.1;
+
+/// A view along a direction, or from a place, fitted to casters.
 #[derive(Clone, Copy, Debug)]
 pub struct View {
     right: Vec3,
     up: Vec3,
-    /// Unit vector to the light.
+    /// Unit vector to the light, from the reference of its place.
     to_light: Vec3,
+    place: LightPlace,
     /// Coordinates of the first texel's corner along right and up, metres.
     low: Vec2,
     /// Texels per metre.
@@ -23,18 +41,27 @@ pub struct View {
 }
 
 impl View {
-    /// Fits a view of `size` texels a side to all `points` (world); `None` without points.
+    /// Fits a view of `size` texels a side to all `points` (world) that can cast a shadow; `None`
+    /// without any.
     pub fn fitted(
-        mut points: impl Iterator<Item = Vec3>,
-        to_light: Vec3,
+        points: impl Iterator<Item = Vec3>,
+        light: &DomeLight,
         size: usize,
     ) -> Option<Self> {
+        let to_light = light.direction;
+        let place = if light.place.is_far() {
+            LightPlace::FAR
+        } else {
+            light.place
+        };
         let (right, up) = to_light.any_orthonormal_pair();
-        let flat = |p: Vec3| Vec2::new(p.dot(right), p.dot(up));
-        let first = flat(points.next()?);
-        let (low, high) = points.fold((first, first), |(lo, hi), p| {
-            (lo.min(flat(p)), hi.max(flat(p)))
+        let mut points = points.filter_map(|p| {
+            let p = p - place.reference;
+            let w = 1.0 - place.inverse_distance * p.dot(to_light);
+            (w > LEAST_W).then(|| Vec2::new(p.dot(right), p.dot(up)) / w)
         });
+        let first = points.next()?;
+        let (low, high) = points.fold((first, first), |(lo, hi), p| (lo.min(p), hi.max(p)));
         // A border of two texels keeps filtering at the edge free of casters.
         let side = (high - low).max_element().max(1e-4) * (1.0 + 6.0 / size as f32);
         let centre = 0.5 * (low + high);
@@ -42,16 +69,21 @@ impl View {
             right,
             up,
             to_light,
+            place,
             low: centre - 0.5 * side,
             scale: size as f32 / side,
         })
     }
 
-    /// Texel coordinates of a point, and its distance away from the light, metres.
+    /// Texel coordinates of a point, and its distance away from the light, metres; infinite
+    /// coordinates for a point so near to a light, or behind it, that it casts no shadow.
     #[inline(always)]
     pub fn project(&self, p: Vec3) -> (Vec2, f32) {
-        let flat = Vec2::new(p.dot(self.right), p.dot(self.up)) - self.low;
-        (flat * self.scale, -p.dot(self.to_light))
+        let p = p - self.place.reference;
+        let w = 1.0 - self.place.inverse_distance * p.dot(self.to_light);
+        let w = if w > LEAST_W { w.recip() } else { f32::NAN };
+        let flat = Vec2::new(p.dot(self.right), p.dot(self.up)) * w - self.low;
+        (flat * self.scale, -p.dot(self.to_light) * w)
     }
 
     /// Length of a texel, metres.
@@ -60,20 +92,64 @@ impl View {
         1.0 / self.scale
     }
 
-    /// Texel coordinates of points, and their distances away from the light, metres.
+    /// Whether the light is near.
+    pub fn is_near(&self) -> bool {
+        !self.place.is_far()
+    }
+
+    /// Vectors from points to the light, in units of its distance from the reference.
+    #[inline(always)]
+    pub fn towards_each<S: Simd>(&self, simd: S, p: [S::f32s; 3]) -> [S::f32s; 3] {
+        let place = &self.place;
+        let fixed = self.to_light + place.reference * place.inverse_distance;
+        let nearness = simd.splat_f32s(place.inverse_distance);
+        let along = |fixed: f32, p: S::f32s| {
+            simd.sub_f32s(simd.splat_f32s(fixed), simd.mul_f32s(nearness, p))
+        };
+        let [x, y, z] = p;
+        [along(fixed.x, x), along(fixed.y, y), along(fixed.z, z)]
+    }
+
+    /// Texel coordinates of points, and their distances away from the light, metres. Points behind
+    /// a near light are moved in front of it.
     #[inline(always)]
     pub fn project_each<S: Simd>(&self, simd: S, p: [S::f32s; 3]) -> ([S::f32s; 2], S::f32s) {
         let scale = simd.splat_f32s(self.scale);
-        let x = simd.sub_f32s(dot(simd, p, self.right), simd.splat_f32s(self.low.x));
-        let y = simd.sub_f32s(dot(simd, p, self.up), simd.splat_f32s(self.low.y));
-        let at = [simd.mul_f32s(x, scale), simd.mul_f32s(y, scale)];
-        (at, dot(simd, p, -self.to_light))
+        let reference = self.place.reference;
+        let mut low = Vec2::new(reference.dot(self.right), reference.dot(self.up));
+        if !self.is_near() {
+            low = self.low;
+        }
+        let mut x = simd.sub_f32s(dot(simd, p, self.right), simd.splat_f32s(low.x));
+        let mut y = simd.sub_f32s(dot(simd, p, self.up), simd.splat_f32s(low.y));
+        let mut away = dot(simd, p, -self.to_light);
+        if self.is_near() {
+            away = simd.add_f32s(away, simd.splat_f32s(reference.dot(self.to_light)));
+            let (one, least) = (simd.splat_f32s(1.0), simd.splat_f32s(LEAST_W));
+            let nearness = simd.splat_f32s(self.place.inverse_distance);
+            let w = simd.add_f32s(one, simd.mul_f32s(nearness, away));
+            let inverse = simd.div_f32s(one, simd.max_f32s(w, least));
+            x = simd.sub_f32s(simd.mul_f32s(x, inverse), simd.splat_f32s(self.low.x));
+            y = simd.sub_f32s(simd.mul_f32s(y, inverse), simd.splat_f32s(self.low.y));
+            away = simd.mul_f32s(away, inverse);
+        }
+        ([simd.mul_f32s(x, scale), simd.mul_f32s(y, scale)], away)
     }
 
-    /// Changes of distance per texel on surfaces with normals `n`, along both axes of the map.
+    /// Changes of distance per texel on surfaces with normals `n` at points from which `towards`
+    /// leads to the light, along both axes of the map.
     #[inline(always)]
-    pub fn slopes<S: Simd>(&self, simd: S, n: [S::f32s; 3]) -> [S::f32s; 2] {
-        let towards = simd.max_f32s(dot(simd, n, self.to_light), simd.splat_f32s(1e-3));
+    pub fn slopes<S: Simd>(
+        &self,
+        simd: S,
+        n: [S::f32s; 3],
+        towards: Option<[S::f32s; 3]>,
+    ) -> [S::f32s; 2] {
+        let towards = match towards {
+            Some(towards) => dot_each(simd, n, towards),
+            None => dot(simd, n, self.to_light),
+        };
+        let towards = simd.max_f32s(towards, simd.splat_f32s(1e-3));
         [
             self.slope_along(simd, dot(simd, n, self.right), towards),
             self.slope_along(simd, dot(simd, n, self.up), towards),
@@ -91,12 +167,31 @@ impl View {
     /// Range of texel coordinates and of distances of a box.
     #[inline(always)]
     pub fn project_bounds(&self, b: &Bounds) -> (Vec2, Vec2, f32, f32) {
+        if self.is_near() {
+            return self.project_bounds_near(b);
+        }
         let centre = 0.5 * (b.low + b.high);
         let half = 0.5 * (b.high - b.low);
         let (at, away) = self.project(centre);
         let reach = Vec2::new(half.dot(self.right.abs()), half.dot(self.up.abs())) * self.scale;
         let deep = half.dot(self.to_light.abs());
         (at - reach, at + reach, away - deep, away + deep)
+    }
+
+    /// The same for a near light: a projective map keeps the hull of the corners. A box that
+    /// reaches behind the light may lie anywhere.
+    fn project_bounds_near(&self, b: &Bounds) -> (Vec2, Vec2, f32, f32) {
+        let (mut low, mut high) = (Vec2::INFINITY, Vec2::NEG_INFINITY);
+        let (mut nearest, mut farthest) = (f32::INFINITY, f32::NEG_INFINITY);
+        for corner in b.corners() {
+            let (at, away) = self.project(corner);
+            if at.is_nan() {
+                return (Vec2::splat(-1e6), Vec2::splat(1e6), -1e6, 1e6);
+            }
+            (low, high) = (low.min(at), high.max(at));
+            (nearest, farthest) = (nearest.min(away), farthest.max(away));
+        }
+        (low, high, nearest, farthest)
     }
 }
 
@@ -146,6 +241,10 @@ impl DepthMap {
     #[inline(always)]
     fn triangle(&mut self, [(a, za), (b, zb), (c, zc)]: [(Vec2, f32); 3], closed: bool) {
         let area = (b - a).perp_dot(c - a);
+        if area.is_nan() {
+            // It reaches behind the light.
+            return;
+        }
         if closed && area <= 0.0 {
             return;
         }
@@ -289,6 +388,7 @@ fn ceil(x: f32) -> i32 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use penumbra_lighting::LightKind;
 
     #[test]
     fn a_rectangle_covers_the_texels_whose_centres_it_holds() {
@@ -333,20 +433,58 @@ mod tests {
                 )
             })
             .collect();
-        let to_light = Vec3::new(0.3, -0.5, 0.8).normalize();
-        let view = View::fitted(points.iter().copied(), to_light, 128).expect("points");
-        for p in &points {
-            let (at, _) = view.project(*p);
-            assert!(at.cmpgt(Vec2::ONE).all() && at.cmplt(Vec2::splat(127.0)).all());
+        for inverse_distance in [0.0, 0.3] {
+            let light = DomeLight {
+                direction: Vec3::new(0.3, -0.5, 0.8).normalize(),
+                irradiance: Vec3::ONE,
+                angular_radius: 0.1,
+                kind: LightKind::Cell,
+                place: LightPlace {
+                    reference: Vec3::new(0.1, 0.2, -0.1),
+                    inverse_distance,
+                },
+            };
+            let view = View::fitted(points.iter().copied(), &light, 128).expect("points");
+            for p in &points {
+                let (at, _) = view.project(*p);
+                assert!(at.cmpgt(Vec2::ONE).all() && at.cmplt(Vec2::splat(127.0)).all());
+            }
+            let n = Vec3::new(0.2, 0.1, 0.9).normalize();
+            let along = n.any_orthonormal_vector();
+            let (from, to) = (
+                view.project(points[0]),
+                view.project(points[0] + along * 0.1),
+            );
+            let towards = view.towards_each(pulp::Scalar::new(), points[0].to_array());
+            let slope = view.slopes(pulp::Scalar::new(), n.to_array(), Some(towards));
+            let change = Vec2::from_array(slope).dot(to.0 - from.0);
+            assert!((change - (to.1 - from.1)).abs() < 1e-4);
         }
-        let n = Vec3::new(0.2, 0.1, 0.9).normalize();
-        let along = n.any_orthonormal_vector();
-        let (from, to) = (
-            view.project(points[0]),
-            view.project(points[0] + along * 0.1),
-        );
-        let slope = view.slopes(pulp::Scalar::new(), n.to_array());
-        let change = Vec2::from_array(slope).dot(to.0 - from.0);
-        assert!((change - (to.1 - from.1)).abs() < 1e-4);
+    }
+
+    #[test]
+    fn all_points_in_line_with_a_near_light_are_in_one_texel() {
+        let light = DomeLight {
+            direction: Vec3::new(0.3, -0.5, 0.8).normalize(),
+            irradiance: Vec3::ONE,
+            angular_radius: 0.1,
+            kind: LightKind::Cell,
+            place: LightPlace {
+                reference: Vec3::new(0.1, 0.2, -0.1),
+                inverse_distance: 1.5,
+            },
+        };
+        let lamp = light.position().expect("near");
+        let points = [Vec3::ZERO, Vec3::new(0.2, 0.1, 0.0)];
+        let view = View::fitted(points.into_iter(), &light, 128).expect("points");
+        for p in points {
+            let (here, away) = view.project(p);
+            let (there, nearer) = view.project(p.lerp(lamp, 0.6));
+            assert!(here.distance(there) < 1e-3 && nearer < away);
+            let (each, _) = view.project_each(pulp::Scalar::new(), p.to_array());
+            assert!(here.distance(Vec2::from_array(each)) < 1e-3);
+        }
+        let behind = lamp + (lamp - points[0]);
+        assert!(view.project(behind).0.is_nan());
     }
 }

@@ -104,12 +104,12 @@ impl PagesView<'_> {
             self.texels.len().max(1)
         };
         let is_compact = light.kind == LightKind::Compact;
-        let drawn = self.casters.draw(light.direction, maps.of(is_compact));
+        let drawn = self.casters.draw(light, maps.of(is_compact));
         for (which, map) in drawn.into_iter().enumerate() {
             let lit = map.map(|(map, view)| LitMap {
                 map,
                 view,
-                to_light: light.direction,
+                light: *light,
                 spread: light.angular_radius.tan(),
                 disc: &self.discs[usize::from(is_compact)],
             });

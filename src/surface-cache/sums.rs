@@ -74,6 +74,38 @@ pub struct Unshadowed {
     sky: Table,
     /// Of the lights that stand for cells.
     cells: Table,
+    /// Near lights, which are in no table: they differ from point to point. Those that lie side by
+    /// side are one.
+    near: Vec<DomeLight>,
+}
+
+/// Angle, radians, up to which near lights are joined where nothing blocks them.
+const SIDE_BY_SIDE: f32 = 0.15;
+
+/// Joins near lights that lie side by side, for what they do where nothing blocks them.
+fn joined(lights: &[DomeLight]) -> Vec<DomeLight> {
+    let mut groups: Vec<DomeLight> = Vec::new();
+    let is_lit = |l: &&DomeLight| !l.place.is_far() && l.irradiance != Vec3::ZERO;
+    for light in lights.iter().filter(is_lit) {
+        let is_beside = |group: &&mut DomeLight| {
+            let turned = group.direction.distance(light.direction);
+            turned + group.place.parallax_to(&light.place) < SIDE_BY_SIDE
+        };
+        let Some(group) = groups.iter_mut().find(is_beside) else {
+            groups.push(*light);
+            continue;
+        };
+        let sum = group.irradiance + light.irradiance;
+        let share = light.irradiance.element_sum() / sum.element_sum().max(f32::MIN_POSITIVE);
+        let direction = group.direction.lerp(light.direction, share);
+        *group = DomeLight {
+            direction: direction.normalize_or(group.direction),
+            irradiance: sum,
+            place: group.place.toward(&light.place, share),
+            ..*group
+        };
+    }
+    groups
 }
 
 impl Unshadowed {
@@ -81,7 +113,7 @@ impl Unshadowed {
     pub fn new(light: &SurfaceLight<'_>, has_ground: bool) -> Self {
         let lights = light.lights;
         let sum = |n: Vec3, wanted: fn(&DomeLight) -> bool| -> Vec3 {
-            let wanted = lights.iter().filter(|l| wanted(l));
+            let wanted = lights.iter().filter(|l| l.place.is_far() && wanted(l));
             wanted
                 .map(|l| l.irradiance * l.direction.dot(n).max(0.0))
                 .sum()
@@ -96,6 +128,7 @@ impl Unshadowed {
             open: Table::new(|n| sum(n, |_| true) + ground(n)),
             sky: Table::new(|n| light.irradiance.irradiance(n) + sum(n, compact)),
             cells: Table::new(|n| sum(n, cell)),
+            near: joined(lights),
         }
     }
 }
@@ -168,6 +201,15 @@ impl Sums {
         self.added = [[[0.0; TEXELS]; 3]; 2];
     }
 
+    /// Adds the unshadowed light of near lights.
+    #[inline(always)]
+    fn add_near(&mut self, page: &PageTexels, unshadowed: &Unshadowed) {
+        for light in &unshadowed.near {
+            face(&mut self.facing, page, light);
+            add(&mut self.open, &self.facing, light.irradiance, |_| 1.0);
+        }
+    }
+
     /// Sums the light that virtual casters block on a real surface, and that which arrives; true if
     /// any is blocked.
     #[inline(always)]
@@ -181,7 +223,7 @@ impl Sums {
     ) -> bool {
         self.clear();
         for l in lights {
-            face(&mut self.facing, page, l.light.direction);
+            face(&mut self.facing, page, l.light);
             let colour = l.light.irradiance;
             if let Some(seen) = l.past_phantoms {
                 let hidden = |k: usize| 255.0 - f32::from(seen[k]);
@@ -201,6 +243,7 @@ impl Sums {
             }
         }
         unshadowed.open.fill(page, &mut self.open);
+        self.add_near(page, unshadowed);
         if let Some(light) = indirect {
             let [change, real] = &mut self.added;
             indirect::fill(light, &light.change, page, change);
@@ -236,7 +279,7 @@ impl Sums {
     ) {
         self.clear();
         for l in lights {
-            face(&mut self.facing, page, l.light.direction);
+            face(&mut self.facing, page, l.light);
             let colour = l.light.irradiance / 255.0;
             match (l.past_virtual, l.past_phantoms) {
                 (Some(a), Some(b)) => {
@@ -256,6 +299,7 @@ impl Sums {
             }
         }
         unshadowed.sky.fill(page, &mut self.open);
+        self.add_near(page, unshadowed);
         unshadowed.cells.fill(page, &mut self.cells);
         match indirect {
             Some(light) => indirect::fill_on_virtual(light, page, &mut self.on_virtual),
@@ -282,9 +326,17 @@ impl Sums {
     }
 }
 
-/// The cosine to a direction on every texel, 0 behind.
+/// The cosine to a light on every texel, 0 behind; of a near one also its fall-off.
 #[inline(always)]
-fn face(facing: &mut [f32; TEXELS], page: &PageTexels, direction: Vec3) {
+fn face(facing: &mut [f32; TEXELS], page: &PageTexels, light: &DomeLight) {
+    if !light.place.is_far() {
+        let each = page.positions.iter().zip(&page.normals);
+        for (facing, (p, n)) in facing.iter_mut().zip(each) {
+            *facing = light.facing(*p, *n);
+        }
+        return;
+    }
+    let direction = light.direction;
     if let Some(n) = page.plane {
         facing.fill(n.dot(direction).max(0.0));
         return;

@@ -7,7 +7,7 @@ use crate::renewal::{LightPages, PagesView, discs};
 use crate::visibility::{LitMap, Reach};
 use crate::{CacheOptions, Layer, SurfaceCache, SurfaceLight};
 use glam::{DMat4, DVec3, IVec2, Vec2, Vec3};
-use penumbra_lighting::{CubeMap, DomeLight, Harmonics, LightKind, Lighting};
+use penumbra_lighting::{CubeMap, DomeLight, Harmonics, LightKind, LightPlace, Lighting};
 use penumbra_scene::{Material, Mesh, Part, Scene, primitives};
 use std::sync::Arc;
 
@@ -42,6 +42,7 @@ fn light(direction: Vec3, angular_radius: f32) -> DomeLight {
         irradiance: Vec3::new(1.0, 2.0, 3.0),
         angular_radius,
         kind: LightKind::Compact,
+        place: LightPlace::FAR,
     }
 }
 
@@ -318,7 +319,7 @@ fn share_by_rays(at: Vec3, light: &DomeLight) -> f32 {
     let is_open = |k: &usize| {
         let radius = light.angular_radius.tan() * ((*k as f32 + 0.5) / RAYS as f32).sqrt();
         let off = Vec2::from_angle(2.399_963_2 * *k as f32) * radius;
-        !is_hit(at, (light.direction + a * off.x + b * off.y).normalize())
+        !is_hit(at, (light.towards(at) + a * off.x + b * off.y).normalize())
     };
     (0..RAYS).filter(is_open).count() as f32 / RAYS as f32
 }
@@ -333,22 +334,27 @@ fn shadows_are_those_of_many_rays() {
     };
     let casters = penumbra_scene::casters(&scene);
     let mut cache = SurfaceCache::new(&scene, &casters, &options);
-    for (generation, direction, angular_radius, kind) in [
-        (1, Vec3::new(0.2, 0.1, 1.0), 0.12, LightKind::Cell),
-        (2, Vec3::new(1.0, 0.4, 0.7), 0.12, LightKind::Cell),
-        (3, Vec3::new(0.2, -0.4, 1.0), 0.02, LightKind::Compact),
+    for (generation, direction, angular_radius, kind, inverse_distance) in [
+        (1, Vec3::new(0.2, 0.1, 1.0), 0.12, LightKind::Cell, 0.0),
+        (2, Vec3::new(1.0, 0.4, 0.7), 0.12, LightKind::Cell, 0.0),
+        (3, Vec3::new(0.2, -0.4, 1.0), 0.02, LightKind::Compact, 0.0),
+        (4, Vec3::new(0.2, -0.4, 1.0), 0.05, LightKind::Compact, 2.5),
     ] {
         let light = DomeLight {
             angular_radius,
             kind,
+            place: LightPlace {
+                reference: Vec3::new(0.05, 0.02, 0.1),
+                inverse_distance,
+            },
             ..light(direction, 0.1)
         };
         update(&mut cache, &[light], generation, &[0]);
-        let all = light.irradiance.x * light.direction.z;
+        let all = |p: Vec3| light.irradiance.x * light.facing(p, Vec3::Z);
         let near = real_texels(&cache).into_iter().step_by(23);
         let near = near.filter(|(p, ..)| p.truncate().length() < 0.3);
         let mut errors: Vec<f32> = near
-            .map(|(p, _, lost, _)| (1.0 - lost.x / all - share_by_rays(p, &light)).abs())
+            .map(|(p, _, lost, _)| (1.0 - lost.x / all(p) - share_by_rays(p, &light)).abs())
             .collect();
         errors.sort_by(f32::total_cmp);
         let mean = errors.iter().sum::<f32>() / errors.len() as f32;
@@ -384,11 +390,11 @@ fn registers_of_any_width_give_the_same() {
     let mut kept = [0, 1].map(|_| LightPages::new(cache.page_count()));
     let [widest, single] = &mut kept;
     view.renew(widest, &light, &mut maps, false);
-    let (map, map_view) = casters.draw(light.direction, maps.of(false))[0].expect("casters");
+    let (map, map_view) = casters.draw(&light, maps.of(false))[0].expect("casters");
     let lit = LitMap {
         map,
         view: map_view,
-        to_light: light.direction,
+        light,
         spread: light.angular_radius.tan(),
         disc: &discs[0],
     };

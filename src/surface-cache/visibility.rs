@@ -1,14 +1,15 @@
-//! How much of a distant light each texel of a page sees past a set of casters.
+//! How much of a light each texel of a page sees past a set of casters.
 
 use crate::depth_map::{DepthMap, View};
 use crate::disc::Disc;
-use crate::lanes::{MOST, any, dot, each, lanes, load};
+use crate::lanes::{MOST, any, dot, dot_each, each, lanes, load};
 use crate::lattice::Lattice;
 use crate::layout::Bounds;
 use crate::receivers::Extent;
 use crate::sampling::{Receiving, steepness};
 use crate::texels::PageTexels;
 use glam::{Vec2, Vec3};
+use penumbra_lighting::DomeLight;
 use pulp::Simd;
 
 /// A light with the map of its casters.
@@ -17,8 +18,8 @@ pub struct LitMap<'a> {
     pub map: &'a DepthMap,
     /// Its view.
     pub view: View,
-    /// Unit vector to the light.
-    pub to_light: Vec3,
+    /// The light.
+    pub light: DomeLight,
     /// Tangent of the light's angular radius.
     pub spread: f32,
     /// Points of a disc.
@@ -88,13 +89,16 @@ impl LitMap<'_> {
         seen: &mut [u8],
     ) -> Reach {
         // Most pages end here; their texels need not be fetched.
-        if extent.normals.is_behind(self.to_light) {
+        if self.is_behind(extent) {
             return Reach::Open;
         }
         let Some(nearest) = self.nearest_blocker(&extent.bounds, offset) else {
             return Reach::Open;
         };
-        if page.plane.is_some_and(|n| n.dot(self.to_light) <= 0.0) {
+        if page
+            .plane
+            .is_some_and(|n| !self.is_before(page.positions[0], n))
+        {
             return Reach::Open;
         }
         Lattice::new(simd, self, page, (nearest, length), offset).fill(seen);
@@ -108,7 +112,29 @@ impl LitMap<'_> {
     /// Whether a texel is used and faces the light, as a page in a plane does.
     #[inline(always)]
     pub fn is_facing(&self, page: &PageTexels, k: usize) -> bool {
-        page.is_used[k] && (page.plane.is_some() || page.normals[k].dot(self.to_light) > 0.0)
+        let is_before = || self.is_before(page.positions[k], page.normals[k]);
+        page.is_used[k] && (page.plane.is_some() || is_before())
+    }
+
+    /// Whether a surface faces the light.
+    #[inline(always)]
+    fn is_before(&self, point: Vec3, n: Vec3) -> bool {
+        n.dot(self.light.towards(point)) > 0.0
+    }
+
+    /// Whether no texel of a page faces the light.
+    #[inline(always)]
+    fn is_behind(&self, extent: &Extent) -> bool {
+        if !self.view.is_near() {
+            return extent.normals.is_behind(self.light.direction);
+        }
+        // A surface that faces a light from somewhere in a box does so from one of its corners.
+        let mut corners = extent.bounds.corners().into_iter();
+        corners.all(|p| {
+            extent
+                .normals
+                .is_behind(self.light.towards(p).normalize_or_zero())
+        })
     }
 
     /// Distance of the nearest caster that may stand between the light and a box, metres.
@@ -218,10 +244,18 @@ impl LitMap<'_> {
         } else {
             vectors(simd, &page.normals, group)
         };
+        let near = self.view.is_near();
+        let towards = near.then(|| self.view.towards_each(simd, p));
         let unit = self.view.texel();
-        let slope = self.view.slopes(simd, n);
+        let slope = self.view.slopes(simd, n, towards);
         let p = if offset == Offset::Lift {
-            let cosine = dot(simd, n, self.to_light);
+            let cosine = match towards {
+                Some(v) => {
+                    let length = simd.sqrt_f32s(dot_each(simd, v, v));
+                    simd.div_f32s(dot_each(simd, n, v), length)
+                }
+                None => dot(simd, n, self.light.direction),
+            };
             let one = simd.splat_f32s(1.0);
             let rest = simd.sub_f32s(one, simd.mul_f32s(cosine, cosine));
             let sine = simd.sqrt_f32s(simd.max_f32s(rest, simd.splat_f32s(0.0)));

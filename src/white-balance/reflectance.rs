@@ -229,7 +229,7 @@ mod tests {
 
     use super::*;
     use penumbra_interface::MonotonicTime;
-    use penumbra_lighting::{CubeMap, DomeLight, Harmonics};
+    use penumbra_lighting::{CubeMap, DomeLight, Harmonics, LightPlace};
     use std::sync::Arc;
 
     fn surfaces(gains: DVec3, albedo: DVec3) -> Vec<KnownSurface> {
@@ -287,6 +287,7 @@ mod tests {
             irradiance: Vec3::splat(irradiance),
             angular_radius: 0.1,
             kind,
+            place: LightPlace::FAR,
         };
         Lighting {
             captured_at: MonotonicTime::default(),

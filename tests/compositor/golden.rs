@@ -11,7 +11,7 @@ use penumbra_lighting::cube::CubeGrid;
 use penumbra_lighting::dome::DomeGrid;
 use penumbra_lighting::harmonics::HarmonicsTable;
 use penumbra_lighting::prefilter::Prefilter;
-use penumbra_lighting::{DomeLight, LightKind, Lighting};
+use penumbra_lighting::{DomeLight, LightKind, LightPlace, Lighting};
 use penumbra_picture::Picture;
 use penumbra_scene::{Material, Phong, SceneTexture, primitives};
 use penumbra_scene::{Screen, VirtualLightKind};
@@ -74,6 +74,7 @@ fn room() -> Lighting {
         irradiance: Vec3::new(1.3, 1.1, 0.8),
         angular_radius: 0.03,
         kind: LightKind::Compact,
+        place: LightPlace::FAR,
     };
     let mut lights = DomeGrid::new(64, true, &fine).lights(&sky, &fine);
     // The last of the 64 lights are below the horizon, and dark.

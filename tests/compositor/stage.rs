@@ -7,7 +7,7 @@ use penumbra_compositor::{
     Compositor, CompositorSettings, Exposure, FrameInput, Gpu, Look, Refresh, Reprojection,
 };
 use penumbra_interface::{MonotonicTime, RigidTransform};
-use penumbra_lighting::{CubeMap, DomeLight, Harmonics, LightKind, Lighting};
+use penumbra_lighting::{CubeMap, DomeLight, Harmonics, LightKind, LightPlace, Lighting};
 use penumbra_picture::Picture;
 use penumbra_scene::{
     Highlights, IndirectLight, LampResponse, Material, Mesh, Part, PlacedLamp, Scene, ShadowMode,
@@ -232,6 +232,7 @@ pub fn sun(direction: Vec3, irradiance: Vec3) -> DomeLight {
         irradiance,
         angular_radius: 0.0,
         kind: LightKind::Compact,
+        place: LightPlace::FAR,
     }
 }
 

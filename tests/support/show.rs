@@ -4,7 +4,7 @@ use glam::Vec3;
 use penumbra_config::ExposureMode;
 use penumbra_config::Technique;
 use penumbra_interface::DeviceKind;
-use penumbra_lighting::{DomeLight, LightKind};
+use penumbra_lighting::{DomeLight, LightKind, LightPlace};
 use penumbra_picture::Picture;
 use penumbra_status::planes::{PlanesState, PlanesStatus};
 use penumbra_status::snapshot::{
@@ -283,6 +283,7 @@ fn sky(height: u32) -> Picture {
         irradiance: Vec3::splat(strength),
         angular_radius: 0.1,
         kind,
+        place: LightPlace::FAR,
     };
     let rows = [(0.2_f32, 14_u32), (0.6, 12), (1.0, 8), (1.4, 3)];
     let cells = rows.iter().flat_map(|(up, count)| {

@@ -10,7 +10,7 @@ use glam::{DMat3, DMat4, DQuat, DVec2, DVec3, Vec3};
 use penumbra_camera::{PinholeCamera, Response};
 use penumbra_compositor::{Compositor, CompositorSettings, FrameInput, Gpu, GpuError};
 use penumbra_interface::{MonotonicTime, RigidTransform};
-use penumbra_lighting::{CubeMap, DomeLight, Harmonics, LightKind, Lighting};
+use penumbra_lighting::{CubeMap, DomeLight, Harmonics, LightKind, LightPlace, Lighting};
 use penumbra_picture::Picture;
 use penumbra_scene::{Material, Mesh, Part, Scene, casters, primitives};
 use std::error::Error;
@@ -128,6 +128,7 @@ fn uniform_light() -> Lighting {
             irradiance: Vec3::splat(2.0 * PI * RADIANCE / LIGHTS as f32),
             angular_radius: 0.2,
             kind: LightKind::Cell,
+            place: LightPlace::FAR,
         }
     });
     let mut irradiance = Harmonics::default();

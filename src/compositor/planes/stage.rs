@@ -17,7 +17,7 @@ use super::visible_pages::Viewer;
 use glam::{DMat4, DVec3, Vec3};
 use penumbra_interface::RigidTransform;
 use penumbra_lighting::geodesic::{FaceLight, GeodesicDome, sum_faces};
-use penumbra_lighting::{DomeLight, LightKind};
+use penumbra_lighting::{DomeLight, LightKind, LightPlace};
 use penumbra_scene::PlaneShading;
 use penumbra_scene::planes::{Bake, ShadowingPlane};
 use penumbra_surface_cache::{Bounds, ReceiverPage};
@@ -312,5 +312,6 @@ fn directional_light(direction: Vec3, irradiance: Vec3) -> DomeLight {
         irradiance,
         angular_radius: 0.0,
         kind: LightKind::Compact,
+        place: LightPlace::FAR,
     }
 }

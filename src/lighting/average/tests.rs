@@ -1,5 +1,6 @@
 use super::*;
 use crate::light::{CubeMap, DomeLight, Harmonics, LightKind};
+use crate::place::LightPlace;
 use glam::Vec3;
 use penumbra_interface::MonotonicTime;
 
@@ -10,6 +11,7 @@ fn lighting(number: u64, height: f32, flux: f32) -> Arc<Lighting> {
         irradiance: Vec3::splat(flux),
         angular_radius: 0.05,
         kind,
+        place: LightPlace::FAR,
     };
     Arc::new(Lighting {
         captured_at: MonotonicTime::from_nanos(number as i64 * 66_000_000),

@@ -126,18 +126,20 @@ impl Heights {
         let share = shares.place(from.dot(LUMINANCE), to.dot(LUMINANCE));
         let radius = a.angular_radius + (b.angular_radius - a.angular_radius) * share;
         let steps = if is_same(a, b) {
-            let angle = a.direction.angle_between(b.direction);
+            let angle = a.direction.angle_between(b.direction) + a.place.parallax_to(&b.place);
             (angle / (STEP * radius.max(f32::MIN_POSITIVE))).clamp(1.0, 1e4)
         } else {
             1.0
         };
         let steps = steps.ceil();
-        let direction = toward(a.direction, b.direction, (share * steps).round() / steps);
+        let stepped = (share * steps).round() / steps;
+        let direction = toward(a.direction, b.direction, stepped);
         DomeLight {
             direction,
             irradiance: from.lerp(to, shares.energy) / self.of(direction),
             angular_radius: radius,
             kind: if is_dark(a) { b.kind } else { a.kind },
+            place: a.place.toward(&b.place, stepped),
         }
     }
 

@@ -1,6 +1,7 @@
 use super::*;
 use crate::geodesic::{FaceLight, FaceSource, Membership};
 use crate::light::{CompactSourceSpecular, CubeMap, DomeLight, LightKind, MAX_LEVELS};
+use crate::place::LightPlace;
 use penumbra_interface::MonotonicTime;
 use proptest::prelude::*;
 
@@ -15,6 +16,7 @@ fn light(direction: Vec3, irradiance: f32, kind: LightKind) -> DomeLight {
         irradiance: Vec3::new(1.0, 0.8, 0.5) * irradiance,
         angular_radius: 0.05,
         kind,
+        place: LightPlace::FAR,
     }
 }
 
@@ -60,6 +62,7 @@ fn any_light() -> impl Strategy<Value = DomeLight> {
                 irradiance: colour * lit,
                 angular_radius,
                 kind,
+                place: LightPlace::FAR,
             },
         )
 }
@@ -214,6 +217,7 @@ fn change_of_radiance_alone_keeps_the_direction() {
         irradiance: Vec3::splat(irradiance),
         angular_radius: 0.05,
         kind: LightKind::Compact,
+        place: LightPlace::FAR,
     };
     for k in 0..100 {
         let d = Vec3::new(0.3, 0.01 * k as f32, 0.7).normalize();

@@ -24,7 +24,9 @@ impl EnvironmentEstimator {
         if let Some(placed) = self.place_sphere(brackets, input) {
             check_sizes(brackets, placed.view.size())?;
             if self.observe_sphere(&placed.view, brackets, input) {
-                self.last_sphere.record(input.captured_at, placed.rim_shift);
+                let centre = placed.view.sphere().map(|(centre, _)| centre);
+                self.last_sphere
+                    .record(input.captured_at, placed.rim_shift, centre);
             }
         }
         self.stages.done("gather");

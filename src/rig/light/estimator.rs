@@ -3,7 +3,8 @@
 
 use crate::error::RigError;
 use crate::light::indirect::IndirectLightUpdater;
-use crate::light::scene_tables::{RealLight, SceneLight, hides};
+use crate::light::places::LampPlaces;
+use crate::light::scene_tables::{RealLight, SceneLight, hides, middle_of_objects};
 use crate::light::state::LightState;
 use crate::light::surfaces::{GroundRadiance, PhantomSurfaces};
 use crate::light::view::{SceneView, SphereAt};
@@ -47,6 +48,7 @@ pub struct LightEstimator {
     ground: GroundRadiance,
     phantoms: PhantomSurfaces,
     rays: Arc<RayCaster>,
+    places: LampPlaces,
     rig: RigCalibration,
     yuv: YuvEncoding,
     unseen: Unseen,
@@ -69,10 +71,13 @@ impl LightEstimator {
     pub fn new(setup: &RigSetup, config: &Config, files: &Attachments) -> Result<Self, RigError> {
         let rig = setup.calibration.clone();
         let RealLight {
-            estimator,
+            mut estimator,
             phantoms,
             rays,
         } = RealLight::new(&rig, &setup.scene, config, true)?;
+        if let Some(estimator) = &mut estimator {
+            estimator.set_reference(middle_of_objects(&setup.scene));
+        }
         let same_camera = is_in_scene(&rig);
         let mut white_balance = WhiteBalanceMatch::new(white_balance_settings(config), same_camera);
         if !same_camera && let Some(chart) = chart_match(&rig, files, config.white_balance.matrix)?
@@ -87,6 +92,7 @@ impl LightEstimator {
             white_balance,
             ground: GroundRadiance::new(&rig, &setup.scene, rays.clone()),
             phantoms,
+            places: LampPlaces::new(&rig, rays.clone(), &config.environment),
             rays,
             rig,
             yuv: config.input.encoding(),
@@ -145,7 +151,7 @@ impl LightEstimator {
         };
         let rays = &self.rays;
         let hidden = |o: DVec3, d: DVec3| hides(rays, o, d);
-        let lighting = estimator.update(&EnvironmentInput {
+        let input = EnvironmentInput {
             brackets: &[Bracket {
                 picture: scene.picture,
                 ev: 0.0,
@@ -159,7 +165,11 @@ impl LightEstimator {
             occluder_radiance: self.phantoms.mean(),
             sphere_position: sphere_position(scene, &self.rig),
             captured_at: scene.captured_at,
-        })?;
+        };
+        let mut lighting = estimator.update(&input)?;
+        if self.places.look(scene, &lighting, estimator) {
+            lighting = estimator.update(&input)?;
+        }
         self.lighting = Some(lighting);
         Ok(())
     }
@@ -179,7 +189,7 @@ impl LightEstimator {
             })
             .collect();
         let seen = self.ground.radiance();
-        let lighting = estimator.update(&EnvironmentInput {
+        let input = EnvironmentInput {
             brackets: &brackets,
             scene: scene
                 .world_from_camera
@@ -195,7 +205,11 @@ impl LightEstimator {
             occluder_radiance: None,
             sphere_position: None,
             captured_at: set.captured_at,
-        })?;
+        };
+        let mut lighting = estimator.update(&input)?;
+        if self.places.look(scene, &lighting, estimator) {
+            lighting = estimator.update(&input)?;
+        }
         self.lighting = Some(self.average.add(lighting));
         Ok(())
     }
@@ -273,6 +287,7 @@ impl LightEstimator {
             mut indirect,
             mut ground,
             phong,
+            reference,
             real,
         } = scene;
         ground.follow(&self.ground);
@@ -280,12 +295,16 @@ impl LightEstimator {
         (self.indirect, self.ground) = (indirect, ground);
         if let Some(real) = real {
             (self.phantoms, self.rays) = (real.phantoms, real.rays);
+            self.places.set_rays(self.rays.clone());
             if let Some(mut estimator) = real.estimator {
                 if let Some(before) = &self.estimator {
                     estimator.follow(before);
                 }
                 self.estimator = Some(estimator);
             }
+        }
+        if let Some(estimator) = &mut self.estimator {
+            estimator.set_reference(reference);
         }
         self.set_phong(phong);
     }

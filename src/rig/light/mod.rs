@@ -11,6 +11,7 @@
 pub mod blended;
 pub mod estimator;
 mod indirect;
+mod places;
 pub mod report;
 pub(crate) mod scene_tables;
 pub(crate) mod scheduler;

@@ -45,6 +45,8 @@ pub(crate) struct SceneLight {
     pub ground: GroundRadiance,
     /// Whether a material needs Phong's lobes.
     pub phong: bool,
+    /// The middle of the virtual objects, world, metres.
+    pub reference: DVec3,
     /// `None` if the real scene has not changed.
     pub real: Option<RealLight>,
 }
@@ -77,6 +79,7 @@ impl SceneLight {
             indirect: IndirectLightUpdater::new(scene, casters),
             ground: GroundRadiance::new(rig, scene, rays),
             phong: scene.has_phong(),
+            reference: middle_of_objects(scene),
             real,
         })
     }
@@ -94,6 +97,20 @@ impl SceneLight {
         };
         self
     }
+}
+
+/// Returns the middle of the virtual objects, world, metres; the origin without any.
+pub(crate) fn middle_of_objects(scene: &Scene) -> DVec3 {
+    let vertices = scene.virtual_parts.iter().flat_map(|part| {
+        let each = part.mesh.vertices.iter();
+        each.map(|v| part.world_from_part.transform_point3(v.position.as_dvec3()))
+    });
+    let nothing = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+    let (low, high) = vertices.fold(nothing, |(low, high), p| (low.min(p), high.max(p)));
+    if low.x > high.x {
+        return DVec3::ZERO;
+    }
+    0.5 * (low + high)
 }
 
 /// Returns whether phantoms may occlude the environment camera's view.

@@ -6,7 +6,7 @@
 
 use glam::{DMat4, DVec3, Vec3};
 use penumbra_interface::MonotonicTime;
-use penumbra_lighting::{CubeMap, DomeLight, Harmonics, LightKind, Lighting};
+use penumbra_lighting::{CubeMap, DomeLight, Harmonics, LightKind, LightPlace, Lighting};
 use penumbra_scene::{Material, Mesh, Part, Scene, primitives};
 use penumbra_surface_cache::{CacheOptions, SurfaceCache, SurfaceLight};
 use std::sync::Arc;
@@ -91,6 +91,7 @@ fn lighting() -> Lighting {
                 / LIGHTS as f32,
             angular_radius: 0.12,
             kind: LightKind::Cell,
+            place: LightPlace::FAR,
         }
     };
     let mut irradiance = Harmonics::default();

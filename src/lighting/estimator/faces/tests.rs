@@ -113,7 +113,7 @@ fn unseen_directions_are_filled() {
             lens,
             world_from_camera: penumbra_interface::RigidTransform::new(
                 glam::DQuat::from_rotation_x(0.9),
-                glam::DVec3::ZERO,
+                DVec3::ZERO,
             ),
         },
         other => other,

@@ -1,7 +1,7 @@
 use super::*;
 use glam::{DQuat, Vec3};
 use penumbra_interface::MonotonicTime;
-use penumbra_lighting::{CubeMap, DomeLight, Harmonics, LightKind};
+use penumbra_lighting::{CubeMap, DomeLight, Harmonics, LightKind, LightPlace};
 use penumbra_scene::motion::{Channel, Easing, Track};
 use penumbra_scene::{Material, Motion, Mover, casters, primitives};
 use std::sync::Arc;
@@ -42,6 +42,7 @@ fn lighting(generation: u64) -> Lighting {
         irradiance: Vec3::ONE,
         angular_radius: 0.1,
         kind: LightKind::Cell,
+        place: LightPlace::FAR,
     };
     Lighting {
         captured_at: MonotonicTime::from_nanos(0),

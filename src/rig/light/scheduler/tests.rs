@@ -7,7 +7,7 @@ use crate::setup::RigSetup;
 use crossbeam_channel::bounded;
 use penumbra_config::Config;
 use penumbra_config::Technique;
-use penumbra_lighting::{CubeMap, DomeLight, Harmonics, LightKind, Lighting};
+use penumbra_lighting::{CubeMap, DomeLight, Harmonics, LightKind, LightPlace, Lighting};
 use penumbra_rig_model::RigDocument;
 use penumbra_scene::Scene;
 use penumbra_status::Settings;
@@ -39,6 +39,7 @@ pub(in crate::light) fn light_state(millis: i64, flux: f32) -> LightState {
             irradiance: glam::Vec3::splat(flux),
             angular_radius: 0.2,
             kind: LightKind::Cell,
+            place: LightPlace::FAR,
         }],
         ground_radiance: glam::Vec3::ZERO,
         faces: None,

@@ -1,0 +1,200 @@
+//! Lights that are near: their place, and what they do at each point.
+//!
+//! A light at L is described by the unit vector a and the distance D from a reference A in which
+//! its irradiance I is stated. With κ = 1/D, the vector from a point p to the light, in units of D,
+//! is
+//!
+//! ```text
+//!   v(p) = (L − p)/D = a + κ (A − p)
+//! ```
+//!
+//! which is a itself for κ = 0: a distant light is the limit, not another case. A surface at p with
+//! the unit normal n receives I (n·v)/|v|³ (inverse square law and cosine).
+
+use super::light::DomeLight;
+use glam::{DVec3, Vec3};
+
+/// Distance from the reference, metres, within which virtual objects and their shadows lie.
+const BESIDE: f32 = 0.15;
+
+/// How far a light is, and from where.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct LightPlace {
+    /// The point for which direction, irradiance and angular radius are stated, world, metres.
+    pub reference: Vec3,
+    /// The reciprocal of its distance from there, 1/m; 0 for a light that is infinitely far.
+    pub inverse_distance: f32,
+}
+
+impl LightPlace {
+    /// Infinitely far: the same from everywhere.
+    pub const FAR: Self = Self {
+        reference: Vec3::ZERO,
+        inverse_distance: 0.0,
+    };
+
+    /// Returns the angle, radians, by which a light seen from a point beside the reference would
+    /// move if its place were another one in the same direction.
+    #[must_use]
+    pub fn parallax_to(&self, other: &Self) -> f32 {
+        (self.inverse_distance - other.inverse_distance).abs() * BESIDE
+    }
+
+    /// Returns the place between this one (`share` 0) and another (1).
+    #[must_use]
+    pub fn toward(&self, other: &Self, share: f32) -> Self {
+        let from = if self.is_far() { other } else { self };
+        let to = if other.is_far() { self } else { other };
+        let between =
+            self.inverse_distance + (other.inverse_distance - self.inverse_distance) * share;
+        Self {
+            reference: from.reference.lerp(to.reference, share),
+            inverse_distance: between,
+        }
+    }
+
+    /// Whether the light is infinitely far.
+    #[must_use]
+    pub fn is_far(&self) -> bool {
+        self.inverse_distance == 0.0
+    }
+}
+
+/// Smallest distance from a near light, as a share of its distance from the reference: bounds what
+/// a surface receives that touches the lamp.
+const LEAST_DISTANCE: f32 = 0.05;
+
+impl DomeLight {
+    /// Returns the vector from `point` (world, metres) to the light, in units of its distance from
+    /// the reference; a unit vector for distant lights.
+    #[must_use]
+    pub fn towards(&self, point: Vec3) -> Vec3 {
+        let place = &self.place;
+        self.direction + (place.reference - point) * place.inverse_distance
+    }
+
+    /// Returns the factor on its irradiance at `point` for a surface with unit normal `n`:
+    /// inverse square law and cosine, 0 behind the surface.
+    #[must_use]
+    pub fn facing(&self, point: Vec3, n: Vec3) -> f32 {
+        if self.place.is_far() {
+            return self.direction.dot(n).max(0.0);
+        }
+        let v = self.towards(point);
+        let square = v.length_squared().max(LEAST_DISTANCE * LEAST_DISTANCE);
+        v.dot(n).max(0.0) / (square * square.sqrt())
+    }
+
+    /// Returns where it is, world, metres; `None` if it is infinitely far.
+    #[must_use]
+    pub fn position(&self) -> Option<Vec3> {
+        let place = &self.place;
+        (!place.is_far()).then(|| place.reference + self.direction / place.inverse_distance)
+    }
+}
+
+/// A light as it is seen from one point.
+#[derive(Clone, Copy, Debug)]
+pub struct Seen {
+    /// Unit vector to it, world.
+    pub direction: Vec3,
+    /// Irradiance on a surface that faces it, RGB.
+    pub irradiance: Vec3,
+    /// Half angle of a cone with its solid angle, radians.
+    pub angular_radius: f32,
+}
+
+/// Where lights are observed, and where they are needed.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Viewpoints {
+    /// The point from which the environment is seen, world, metres.
+    pub observer: DVec3,
+    /// The point, world, metres, for which lights are stated: the middle of the virtual objects.
+    pub reference: DVec3,
+}
+
+impl Viewpoints {
+    /// Returns a light, seen by the observer at a distance of 1/`inverse_distance`, as it is seen
+    /// from the reference, and its place.
+    #[must_use]
+    pub fn moved(&self, seen: Seen, inverse_distance: f32) -> (Seen, LightPlace) {
+        if inverse_distance <= 0.0 {
+            return (seen, LightPlace::FAR);
+        }
+        let distance = f64::from(inverse_distance).recip();
+        let light = self.observer + seen.direction.as_dvec3() * distance;
+        let to = light - self.reference;
+        // A light cannot be inside the objects that it lights.
+        let there = to.length().max(0.2 * distance);
+        let nearer = (distance / there) as f32;
+        let direction = to.try_normalize().map_or(seen.direction, DVec3::as_vec3);
+        let moved = Seen {
+            direction,
+            irradiance: seen.irradiance * (nearer * nearer),
+            angular_radius: seen.angular_radius * nearer,
+        };
+        let place = LightPlace {
+            reference: self.reference.as_vec3(),
+            inverse_distance: there.recip() as f32,
+        };
+        (moved, place)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::light::LightKind;
+    use super::*;
+
+    fn light(place: LightPlace) -> DomeLight {
+        DomeLight {
+            direction: Vec3::Z,
+            irradiance: Vec3::ONE,
+            angular_radius: 0.1,
+            kind: LightKind::Compact,
+            place,
+        }
+    }
+
+    #[test]
+    fn a_near_light_follows_the_inverse_square_law() {
+        let near = light(LightPlace {
+            reference: Vec3::new(0.1, 0.2, 0.0),
+            inverse_distance: 2.0,
+        });
+        let position = near.position().expect("near");
+        assert!(position.distance(Vec3::new(0.1, 0.2, 0.5)) < 1e-6);
+        for point in [Vec3::ZERO, Vec3::new(0.4, -0.2, 0.1), Vec3::Y] {
+            let to = position - point;
+            let expected = to.normalize().z * 0.25 / to.length_squared();
+            assert!((near.facing(point, Vec3::Z) - expected).abs() < 1e-5);
+        }
+        assert_eq!(near.facing(Vec3::new(0.0, 0.0, 0.9), Vec3::Z), 0.0);
+        let far = light(LightPlace::FAR);
+        assert_eq!(far.facing(Vec3::splat(7.0), Vec3::Z), 1.0);
+        assert_eq!(far.position(), None);
+    }
+
+    #[test]
+    fn moving_the_viewpoint_keeps_the_lamp_and_its_power() {
+        let views = Viewpoints {
+            observer: DVec3::new(-0.2, -0.1, 0.05),
+            reference: DVec3::new(0.1, 0.0, 0.1),
+        };
+        let lamp = DVec3::new(-0.3, 0.2, 0.5);
+        let distance = lamp.distance(views.observer);
+        let seen = Seen {
+            direction: ((lamp - views.observer) / distance).as_vec3(),
+            irradiance: Vec3::splat((0.7 / (distance * distance)) as f32),
+            angular_radius: (0.03 / distance) as f32,
+        };
+        let (moved, place) = views.moved(seen, distance.recip() as f32);
+        let there = lamp.distance(views.reference);
+        let expected = 0.7 / (there * there);
+        assert!((f64::from(moved.irradiance.x) - expected).abs() < 1e-5);
+        assert!((f64::from(moved.angular_radius) - 0.03 / there).abs() < 1e-6);
+        let at = place.reference + moved.direction / place.inverse_distance;
+        assert!(at.as_dvec3().distance(lamp) < 1e-6);
+        assert_eq!(views.moved(seen, 0.0).1, LightPlace::FAR);
+    }
+}
