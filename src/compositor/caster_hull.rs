@@ -1,6 +1,7 @@
 //! The hull of shadow casters, and the fit of shadow maps to it.
 
-use glam::{Mat4, Vec3};
+use glam::{Mat4, Vec2, Vec3};
+use penumbra_lighting::DomeLight;
 
 /// Extreme points of a set of casters, to which a shadow map is fitted from any direction.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -166,5 +167,54 @@ pub fn fit(hull: &CasterHull, to_light: Vec3, map_size: u32) -> Fit {
         rows: [row(right, u), row(up, v), away],
         texel: (u.1 - u.0).max(v.1 - v.0) / map_size as f32,
         depth: d.1 - d.0,
+    }
+}
+
+/// How a shadow map of a light is fitted to its casters: scales and offsets from the light's space
+/// (metres; see `in_light_space` of the shaders) to texture coordinates and depth, and the size of
+/// a texel, metres. All zero without casters.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct LightFit {
+    pub scale: Vec2,
+    pub offset: Vec2,
+    pub depth_scale: f32,
+    pub depth_offset: f32,
+    pub texel: f32,
+}
+
+/// Least w of points that are drawn into a near light's map; see [`in_light_space`].
+const LEAST_W: f32 = 0.1;
+
+/// Coordinates of a point across a light's direction, and away from the light, after the projective
+/// map that moves a near light to infinity (see `depth_map` of the surface cache); `None` behind
+/// the light, or too near to it.
+pub fn in_light_space(light: &DomeLight, [right, up]: [Vec3; 2], point: Vec3) -> Option<Vec3> {
+    let p = point - light.place.reference;
+    let along = p.dot(light.direction);
+    let w = 1.0 - light.place.inverse_distance * along;
+    (w > LEAST_W).then(|| Vec3::new(p.dot(right), p.dot(up), -along) / w)
+}
+
+/// Fits a shadow map of `map_size` texels a side to `hull` as `light` sees it.
+pub fn fit_light(hull: &CasterHull, light: &DomeLight, map_size: u32) -> LightFit {
+    let (right, up) = light.direction.any_orthonormal_pair();
+    let points = hull.points.iter();
+    let seen = points.filter_map(|p| in_light_space(light, [right, up], *p));
+    let nothing = (Vec3::INFINITY, Vec3::NEG_INFINITY);
+    let (low, high) = seen.fold(nothing, |(low, high), p| (low.min(p), high.max(p)));
+    if low.x > high.x {
+        return LightFit::default();
+    }
+    // A border of two texels keeps filtering at the edge free of casters.
+    let pad = (high - low).max(Vec3::splat(1e-4)) * (HULL_MARGIN + 2.0 / map_size as f32);
+    let (low, high) = (low - pad, high + pad);
+    let scale = (high - low).recip();
+    let offset = -low * scale;
+    LightFit {
+        scale: scale.truncate(),
+        offset: offset.truncate(),
+        depth_scale: scale.z,
+        depth_offset: offset.z,
+        texel: (high - low).truncate().max_element() / map_size as f32,
     }
 }

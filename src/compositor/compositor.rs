@@ -68,6 +68,8 @@ pub struct Compositor {
     pub(crate) newest_light: NewestLight,
     /// Compact lights that shadowing planes leave to it.
     pub(crate) compact_lights: Vec<DomeLight>,
+    /// The near lights of this frame, where nothing blocks them.
+    pub(crate) near_lights: Vec<DomeLight>,
     /// Tiles of the picture with shadows on real surfaces, by the surface cache.
     pub(crate) shadow_tiles: Vec<[u32; 4]>,
     pub(crate) shadow_maps: DomeShadowMaps,
@@ -119,6 +121,7 @@ impl Compositor {
             surface_light: None,
             newest_light: NewestLight::default(),
             compact_lights: Vec::new(),
+            near_lights: Vec::new(),
             shadow_tiles: Vec::new(),
             shadow_maps: DomeShadowMaps::new(device, map_size, settings.light_budget),
             slots: ShadowSlots::with_tolerance(if settings.cached { TURNED } else { 0.0 }),

@@ -2,11 +2,13 @@
 
 use super::frame_input::FrameInput;
 use super::frame_view::{FrameView, NEAR};
-use super::gpu_data::FrameUniform;
+use super::gpu_data::{FrameUniform, NearLightUniform};
 use super::textures::TILE;
 use glam::{DQuat, DVec3, DVec4, Vec3};
 use penumbra_camera::RollingShutter;
 use penumbra_interface::RigidTransform;
+use penumbra_lighting::DomeLight;
+use penumbra_lighting::place::MAX_NEAR_LIGHTS;
 use penumbra_scene::ShadowMode;
 
 /// The inputs of the uniform.
@@ -17,6 +19,9 @@ pub struct UniformInputs<'a> {
     pub augmented: bool,
     /// Number of dome lights with shadow maps.
     pub lights: u32,
+    /// The near lights among them where nothing blocks them; see
+    /// [`penumbra_lighting::place::near_lights`].
+    pub near: &'a [DomeLight],
     /// Whether virtual lights act on real surfaces by the paper's response.
     pub lamps_apart: bool,
     /// Height of the ground, metres; `None` without ground.
@@ -51,6 +56,7 @@ pub fn frame_uniform(from: &UniformInputs<'_>) -> FrameUniform {
     let [distortion, rows] = distortion(view);
     let [vignetting, vignetting_intrinsics] = vignetting(from);
     let steps = from.highest_surroundings_level as f32;
+    let (near_lights, near_count) = near_lights(from);
     FrameUniform {
         vignetting,
         vignetting_intrinsics,
@@ -74,7 +80,7 @@ pub fn frame_uniform(from: &UniformInputs<'_>) -> FrameUniform {
         counts: [
             from.lights,
             u32::from(input.shadow_mode == ShadowMode::Subtract),
-            0,
+            near_count,
             from.highest_gloss_level,
         ],
         params: [input.shadow_strength, ground_height, has_ground, steps],
@@ -87,7 +93,21 @@ pub fn frame_uniform(from: &UniformInputs<'_>) -> FrameUniform {
         planes_low: [0.0; 4],
         planes_high: [0.0; 4],
         brightest: brightest(from),
+        near_lights,
     }
+}
+
+/// The near lights where nothing blocks them, and their number.
+fn near_lights(from: &UniformInputs<'_>) -> ([NearLightUniform; MAX_NEAR_LIGHTS], u32) {
+    let mut all = [NearLightUniform::default(); MAX_NEAR_LIGHTS];
+    let mut count = 0;
+    for (to, light) in all.iter_mut().zip(from.near) {
+        let place = light.direction + light.place.reference * light.place.inverse_distance;
+        to.place = place.extend(light.place.inverse_distance).to_array();
+        to.irradiance = light.irradiance.extend(0.0).to_array();
+        count += 1;
+    }
+    (all, count)
 }
 
 /// Motion from one row of the camera picture to the next: `rotation_per_row` and

@@ -4,6 +4,7 @@
 
 use bytemuck::{Pod, Zeroable};
 use penumbra_lighting::light::{CompactSourceSpecular, MAX_COMPACT_SOURCES, MAX_LEVELS};
+use penumbra_lighting::place::MAX_NEAR_LIGHTS;
 use penumbra_scene::lamps::MAX_LAMPS;
 
 /// Twin of WGSL `Frame`.
@@ -35,17 +36,30 @@ pub struct FrameUniform {
     pub rows: [f32; 4],
     pub vignetting: [f32; 4],
     pub vignetting_intrinsics: [f32; 4],
+    pub near_lights: [NearLightUniform; MAX_NEAR_LIGHTS],
 }
 
 /// Twin of WGSL `Light`.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct LightUniform {
-    pub virtual_map: [[f32; 4]; 3],
-    pub phantom_map: [[f32; 4]; 3],
+    pub right: [f32; 4],
+    pub up: [f32; 4],
     pub direction: [f32; 4],
     pub irradiance: [f32; 4],
-    pub scale: [f32; 4],
+    pub place: [f32; 4],
+    pub virtual_fit: [f32; 4],
+    pub phantom_fit: [f32; 4],
+    pub depths: [f32; 4],
+    pub more: [f32; 4],
+}
+
+/// Twin of WGSL `NearLight`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct NearLightUniform {
+    pub place: [f32; 4],
+    pub irradiance: [f32; 4],
 }
 
 /// Twin of WGSL `Lamp`.

@@ -258,10 +258,10 @@ impl FrameParts<'_> {
     }
 }
 
-/// Unshadowed irradiance of all `lights` on a surface with normal `n`.
+/// Unshadowed irradiance of all distant `lights` on a surface with normal `n`.
 fn irradiance_on<'a>(n: Vec3, lights: impl Iterator<Item = &'a LightUniform>) -> Vec3 {
-    lights
-        .map(|l| Vec3::from_slice(&l.irradiance) * Vec3::from_slice(&l.direction).dot(n).max(0.0))
+    let far = lights.filter(|l| l.place[3] == 0.0);
+    far.map(|l| Vec3::from_slice(&l.irradiance) * Vec3::from_slice(&l.direction).dot(n).max(0.0))
         .sum()
 }
 

@@ -20,6 +20,7 @@ use super::surface_light::mark_tiles;
 use super::textures::TILE;
 use glam::DMat4;
 use penumbra_camera::PinholeCamera;
+use penumbra_lighting::place::near_lights;
 use penumbra_lighting::{DomeLight, LightKind};
 use penumbra_scene::{LampResponse, ShadowMode};
 use penumbra_surface_cache::SurfaceLight;
@@ -237,11 +238,13 @@ impl Compositor {
                 .schedule(shadowing, map_size, input.refresh, &mut self.chosen);
         }
         let mapped = if cached { &[] } else { shadowing };
+        near_lights(shadowing, &mut self.near_lights);
         let mut uniform = frame_uniform(&UniformInputs {
             input,
             view,
             augmented,
             lights: mapped.len() as u32,
+            near: &self.near_lights,
             lamps_apart: plan.lamps_apart,
             ground_height: self.scene.ground_height,
             highest_surroundings_level: self.highest_surroundings_level(),
@@ -257,7 +260,10 @@ impl Compositor {
         let lights = stage.map_or(lights, |s| s.shade(input, &mut uniform, lights, cache));
         let slots = &self.slots;
         let each = lights.iter().enumerate().map(|(i, light)| {
-            if by_planes || cached {
+            if by_planes {
+                // Planes are lit by the faces of a distant dome.
+                LightUniform::unmapped(&light.far())
+            } else if cached {
                 LightUniform::unmapped(light)
             } else {
                 slots.uniform(i, light)
@@ -308,7 +314,8 @@ impl Compositor {
                 let lights = planes.map_or(lights, |planes| {
                     let left = lights.iter().filter(|_| planes.leaves_sources(input));
                     compact.clear();
-                    compact.extend(left.filter(|light| light.kind == LightKind::Compact));
+                    let left = left.filter(|light| light.kind == LightKind::Compact);
+                    compact.extend(left.map(|light| light.far()));
                     compact
                 });
                 let (size, chosen) = (self.settings.map_size(), &mut self.chosen);

@@ -5,6 +5,7 @@ use super::look::{CELL, MAX_TAPS, grain};
 use super::planes::options::MAX_SOURCES;
 use super::response_table::ENCODING;
 use penumbra_lighting::light::MAX_COMPACT_SOURCES;
+use penumbra_lighting::place::MAX_NEAR_LIGHTS;
 use penumbra_scene::lamps::MAX_LAMPS;
 use std::borrow::Cow;
 
@@ -282,6 +283,7 @@ pub fn all(variant: Variant) -> [(&'static str, String); 16] {
 fn join(parts: &[&str]) -> String {
     parts
         .join("\n")
+        .replace("MAX_NEAR_LIGHTS", &MAX_NEAR_LIGHTS.to_string())
         .replace("MAX_LIGHTS", &MAX_LIGHTS.to_string())
         .replace("MAX_LAMP_VIEWS", &MAX_VIEWS.to_string())
         .replace("MAX_LAMPS", &MAX_LAMPS.to_string())

@@ -5,9 +5,9 @@
 //! is drawn again only when that direction or a caster has moved; until then the light keeps the
 //! direction with which its map was drawn.
 
-use super::caster_hull::{CasterHull, Fit, fit};
+use super::caster_hull::{CasterHull, LightFit, fit_light};
 use super::gpu_data::LightUniform;
-use glam::{Mat4, Vec3};
+use glam::{Mat4, Vec2, Vec3};
 use penumbra_lighting::{DomeLight, LightKind, LightPlace};
 
 /// The state of one shadow map.
@@ -15,7 +15,8 @@ use penumbra_lighting::{DomeLight, LightKind, LightPlace};
 struct Slot {
     direction: Vec3,
     place: LightPlace,
-    fits: (Fit, Fit),
+    /// Of the maps of virtual casters and of phantoms.
+    fits: [LightFit; 2],
     /// Generation of the casters in the map; 0 if it was never drawn.
     casters: u64,
 }
@@ -24,7 +25,13 @@ impl Slot {
     const NEVER_DRAWN: Self = Self {
         direction: Vec3::Z,
         place: LightPlace::FAR,
-        fits: (Fit::NOWHERE, Fit::NOWHERE),
+        fits: [LightFit {
+            scale: Vec2::ZERO,
+            offset: Vec2::ZERO,
+            depth_scale: 0.0,
+            depth_offset: 0.0,
+            texel: 0.0,
+        }; 2],
         casters: 0,
     };
 }
@@ -48,9 +55,27 @@ impl LightUniform {
     #[must_use]
     pub fn unmapped(light: &DomeLight) -> Self {
         let compact = f32::from(u8::from(light.kind == LightKind::Compact));
+        let (right, up) = light.direction.any_orthonormal_pair();
+        let place = &light.place;
+        let reference = if place.is_far() {
+            Vec3::ZERO
+        } else {
+            place.reference
+        };
+        let towards = light.direction + reference * place.inverse_distance;
+        let axis = |axis: Vec3| axis.extend(-axis.dot(reference)).to_array();
         Self {
+            right: axis(right),
+            up: axis(up),
             direction: light.direction.extend(light.angular_radius).to_array(),
             irradiance: light.irradiance.extend(compact).to_array(),
+            place: towards.extend(place.inverse_distance).to_array(),
+            more: [
+                -light.direction.dot(reference),
+                0.0,
+                0.0,
+                light.angular_radius.tan(),
+            ],
             ..Self::default()
         }
     }
@@ -128,13 +153,12 @@ impl ShadowSlots {
             Refresh::InTurn(count) => self.in_turn(lights.len(), count, chosen),
         }
         for i in chosen.iter().copied() {
-            let direction = lights[i].direction;
-            let virtual_fit = fit(&self.virtual_hull, direction, map_size);
-            let phantom_fit = fit(&self.phantom_hull, direction, map_size);
+            let light = &lights[i];
+            let hulls = [&self.virtual_hull, &self.phantom_hull];
             self.slots[i] = Slot {
-                direction,
-                place: lights[i].place,
-                fits: (virtual_fit, phantom_fit),
+                direction: light.direction,
+                place: light.place,
+                fits: hulls.map(|hull| fit_light(hull, light, map_size)),
                 casters: self.casters,
             };
         }
@@ -179,30 +203,29 @@ impl ShadowSlots {
     #[must_use]
     pub fn uniform(&self, i: usize, light: &DomeLight) -> LightUniform {
         let slot = &self.slots[i];
-        let (virtual_fit, phantom_fit) = &slot.fits;
-        let compact = if light.kind == LightKind::Compact {
-            1.0
-        } else {
-            0.0
+        let [first, second] = &slot.fits;
+        let of = |fit: &LightFit| [fit.scale.x, fit.scale.y, fit.offset.x, fit.offset.y];
+        let drawn = DomeLight {
+            direction: slot.direction,
+            place: slot.place,
+            ..*light
         };
-        LightUniform {
-            virtual_map: virtual_fit.rows,
-            phantom_map: phantom_fit.rows,
-            direction: slot.direction.extend(light.angular_radius).to_array(),
-            irradiance: light.irradiance.extend(compact).to_array(),
-            scale: [
-                virtual_fit.texel,
-                phantom_fit.texel,
-                virtual_fit.depth,
-                phantom_fit.depth,
-            ],
-        }
+        let mut uniform = LightUniform::unmapped(&drawn);
+        (uniform.virtual_fit, uniform.phantom_fit) = (of(first), of(second));
+        uniform.depths = [
+            first.depth_scale,
+            first.depth_offset,
+            second.depth_scale,
+            second.depth_offset,
+        ];
+        (uniform.more[1], uniform.more[2]) = (first.texel, second.texel);
+        uniform
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use super::super::caster_hull::fibonacci_sphere;
+    use super::super::caster_hull::{fibonacci_sphere, in_light_space};
     use super::*;
 
     fn cube() -> Vec<[f32; 3]> {
@@ -225,13 +248,27 @@ mod tests {
     fn a_map_holds_every_caster_and_depth_grows_away_from_the_light() {
         let hull = CasterHull::around(&cube());
         for d in fibonacci_sphere(50) {
-            let fit = fit(&hull, d, 256);
-            let apply = |row: [f32; 4], p: Vec3| Vec3::new(row[0], row[1], row[2]).dot(p) + row[3];
-            for p in cube().into_iter().map(Vec3::from) {
-                for row in fit.rows {
-                    assert!((0.0..=1.0).contains(&apply(row, p)));
+            for inverse_distance in [0.0, 0.2] {
+                let light = DomeLight {
+                    place: LightPlace {
+                        reference: Vec3::splat(0.5),
+                        inverse_distance,
+                    },
+                    ..light(d)
+                };
+                let fit = fit_light(&hull, &light, 256);
+                let at = |p: Vec3| {
+                    let (right, up) = d.any_orthonormal_pair();
+                    let p = in_light_space(&light, [right, up], p).expect("before the light");
+                    let at = p.truncate() * fit.scale + fit.offset;
+                    at.extend(p.z * fit.depth_scale + fit.depth_offset)
+                };
+                for p in cube().into_iter().map(Vec3::from) {
+                    assert!(at(p).cmpge(Vec3::ZERO).all() && at(p).cmple(Vec3::ONE).all());
+                    let behind = p - light.towards(p) * 0.1;
+                    assert!(at(p).z < at(behind).z);
+                    assert!(at(p).truncate().distance(at(behind).truncate()) < 1e-4);
                 }
-                assert!(apply(fit.rows[2], p) < apply(fit.rows[2], p - d * 0.1));
             }
         }
     }

@@ -65,6 +65,15 @@ impl LightPlace {
 const LEAST_DISTANCE: f32 = 0.05;
 
 impl DomeLight {
+    /// Returns it as if it were infinitely far.
+    #[must_use]
+    pub const fn far(self) -> Self {
+        Self {
+            place: LightPlace::FAR,
+            ..self
+        }
+    }
+
     /// Returns the vector from `point` (world, metres) to the light, in units of its distance from
     /// the reference; a unit vector for distant lights.
     #[must_use]
@@ -90,6 +99,47 @@ impl DomeLight {
     pub fn position(&self) -> Option<Vec3> {
         let place = &self.place;
         (!place.is_far()).then(|| place.reference + self.direction / place.inverse_distance)
+    }
+}
+
+/// Largest number of [`near_lights`].
+pub const MAX_NEAR_LIGHTS: usize = 8;
+/// Angle, radians, up to which near lights are joined.
+const SIDE_BY_SIDE: f32 = 0.15;
+
+/// Joins those of `lights` that are near, where they lie side by side: what they do where nothing
+/// blocks them. They replace `groups`, and are at most [`MAX_NEAR_LIGHTS`]; further ones are
+/// joined with the nearest.
+pub fn near_lights(lights: &[DomeLight], groups: &mut Vec<DomeLight>) {
+    groups.clear();
+    let is_lit = |l: &&DomeLight| !l.place.is_far() && l.irradiance != Vec3::ZERO;
+    for light in lights.iter().filter(is_lit) {
+        let apart = |group: &DomeLight| {
+            group.direction.distance(light.direction) + group.place.parallax_to(&light.place)
+        };
+        let is_full = groups.len() == MAX_NEAR_LIGHTS;
+        let nearest = groups
+            .iter_mut()
+            .min_by(|a, b| apart(a).total_cmp(&apart(b)));
+        match nearest.filter(|group| is_full || apart(group) < SIDE_BY_SIDE) {
+            Some(group) => *group = sum(group, light),
+            None => groups.push(*light),
+        }
+    }
+}
+
+/// Returns two near lights as one.
+fn sum(a: &DomeLight, b: &DomeLight) -> DomeLight {
+    let irradiance = a.irradiance + b.irradiance;
+    let share = b.irradiance.element_sum() / irradiance.element_sum().max(f32::MIN_POSITIVE);
+    DomeLight {
+        direction: a
+            .direction
+            .lerp(b.direction, share)
+            .normalize_or(a.direction),
+        irradiance,
+        place: a.place.toward(&b.place, share),
+        ..*a
     }
 }
 

@@ -7,6 +7,7 @@ use crate::texels::PageTexels;
 use glam::{Vec2, Vec3};
 use half::f16;
 use half::slice::HalfFloatSliceExt;
+use penumbra_lighting::place::near_lights;
 use penumbra_lighting::{DomeLight, LightKind};
 use penumbra_scene::IndirectLight;
 
@@ -74,38 +75,8 @@ pub struct Unshadowed {
     sky: Table,
     /// Of the lights that stand for cells.
     cells: Table,
-    /// Near lights, which are in no table: they differ from point to point. Those that lie side by
-    /// side are one.
+    /// Near lights, which are in no table: they differ from point to point.
     near: Vec<DomeLight>,
-}
-
-/// Angle, radians, up to which near lights are joined where nothing blocks them.
-const SIDE_BY_SIDE: f32 = 0.15;
-
-/// Joins near lights that lie side by side, for what they do where nothing blocks them.
-fn joined(lights: &[DomeLight]) -> Vec<DomeLight> {
-    let mut groups: Vec<DomeLight> = Vec::new();
-    let is_lit = |l: &&DomeLight| !l.place.is_far() && l.irradiance != Vec3::ZERO;
-    for light in lights.iter().filter(is_lit) {
-        let is_beside = |group: &&mut DomeLight| {
-            let turned = group.direction.distance(light.direction);
-            turned + group.place.parallax_to(&light.place) < SIDE_BY_SIDE
-        };
-        let Some(group) = groups.iter_mut().find(is_beside) else {
-            groups.push(*light);
-            continue;
-        };
-        let sum = group.irradiance + light.irradiance;
-        let share = light.irradiance.element_sum() / sum.element_sum().max(f32::MIN_POSITIVE);
-        let direction = group.direction.lerp(light.direction, share);
-        *group = DomeLight {
-            direction: direction.normalize_or(group.direction),
-            irradiance: sum,
-            place: group.place.toward(&light.place, share),
-            ..*group
-        };
-    }
-    groups
 }
 
 impl Unshadowed {
@@ -122,13 +93,15 @@ impl Unshadowed {
             let below = if has_ground { 0.5 * (1.0 - n.z) } else { 0.0 };
             light.ground_radiance * (std::f32::consts::PI * below)
         };
+        let mut near = Vec::new();
+        near_lights(lights, &mut near);
         let compact: fn(&DomeLight) -> bool = |l| l.kind == LightKind::Compact;
         let cell: fn(&DomeLight) -> bool = |l| l.kind == LightKind::Cell;
         Self {
             open: Table::new(|n| sum(n, |_| true) + ground(n)),
             sky: Table::new(|n| light.irradiance.irradiance(n) + sum(n, compact)),
             cells: Table::new(|n| sum(n, cell)),
-            near: joined(lights),
+            near,
         }
     }
 }

@@ -4,7 +4,7 @@ use crate::comparison::{away_from_edges, keep, square_differences};
 use crate::stage::{Stage, lighting, matt, painted, part, sun};
 use glam::{DVec3, Vec3};
 use penumbra_compositor::reference::{ReferencePicture, Seen};
-use penumbra_lighting::DomeLight;
+use penumbra_lighting::{DomeLight, LightPlace};
 use penumbra_picture::Picture;
 use penumbra_scene::primitives;
 
@@ -168,4 +168,46 @@ fn no_surface_lies_in_its_own_soft_shadow() {
             DVec3::new(-0.09, 0.02, 0.02),
         ));
     assert_close("soft-own", &stage, true, 8.0, 0.8);
+}
+
+/// A lamp at a place, stated for a point among the objects.
+fn near_lamp(at: Vec3, irradiance: f32, radius: f32) -> DomeLight {
+    let reference = Vec3::new(0.02, 0.01, 0.05);
+    let to = at - reference;
+    DomeLight {
+        place: LightPlace {
+            reference,
+            inverse_distance: to.length().recip(),
+        },
+        ..lamp(to, irradiance, radius)
+    }
+}
+
+#[test]
+fn shadows_of_near_lamps_match_the_twin() {
+    let lamps = || {
+        vec![
+            near_lamp(Vec3::new(-0.2, 0.15, 0.35), 1.5, 0.06),
+            near_lamp(Vec3::new(0.3, -0.2, 0.3), 1.0, 0.02),
+            lamp(Vec3::new(0.1, 0.1, 1.0), 0.5, 0.2),
+            lamp(Vec3::new(-0.5, -0.3, 1.0), 0.5, 0.2),
+        ]
+    };
+    let stage = stage()
+        .with_virtual(part(primitives::cuboid(Vec3::splat(0.06)), DVec3::ZERO))
+        .with_virtual(part(
+            primitives::sphere(0.03, 64, 32),
+            DVec3::new(0.1, 0.08, 0.12),
+        ))
+        .with_phantom(part(
+            primitives::cuboid(Vec3::new(0.05, 0.05, 0.06)),
+            DVec3::new(-0.09, 0.05, 0.0),
+        ))
+        .lit(lighting(lamps(), 0.0));
+    assert_close("soft-near", &stage, false, 6.0, 0.1);
+    let far = lamps().into_iter().map(DomeLight::far).collect();
+    let distant = stage.clone().lit(lighting(far, 0.0)).compose();
+    let squares = square_differences(&distant, &stage.soft_twin(64).picture);
+    let average = squares.iter().map(|s| s.1).sum::<f64>() / squares.len() as f64;
+    assert!(average > 1.0, "distance must matter: {average:.2}");
 }

@@ -39,7 +39,7 @@ pub(super) fn on_phantom(
         arriving: lighting.ground_radiance.as_dvec3() * (PI * below),
     };
     for (light, visibility) in lighting.lights.iter().zip(visibility) {
-        let facing = surface.normal.dot(light.direction.as_dvec3()).max(0.0);
+        let facing = f64::from(light.facing(surface.point, surface.normal.as_vec3()));
         let received = light.irradiance.as_dvec3() * facing;
         sums.open += received;
         sums.arriving += received * visibility.past_phantoms;
@@ -62,7 +62,7 @@ pub(super) fn of_virtual(
         .as_dvec3();
     let (mut cells, mut hidden) = (DVec3::ZERO, DVec3::ZERO);
     for (light, visibility) in lighting.lights.iter().zip(visibility) {
-        let facing = surface.normal.dot(light.direction.as_dvec3()).max(0.0);
+        let facing = f64::from(light.facing(surface.point, surface.normal.as_vec3()));
         let received = light.irradiance.as_dvec3() * facing;
         if light.kind == LightKind::Compact {
             irradiance += received;

@@ -126,7 +126,7 @@ impl Reference {
         lights
             .iter()
             .map(|light| {
-                if normal.dot(light.direction) <= 0.0 {
+                if normal.dot(light.towards(surface.point)) <= 0.0 {
                     Visibility::FULL
                 } else {
                     self.visibility_of(surface.point + normal * LIFT, light)
@@ -144,11 +144,15 @@ impl Reference {
     }
 
     fn visibility_of(&self, from: Vec3, light: &DomeLight) -> Visibility {
-        let from = from.as_dvec3();
+        let farthest = if light.place.is_far() {
+            f64::INFINITY
+        } else {
+            1.0
+        };
         let (mut phantoms, mut virtuals, mut both) = (0, 0, 0);
         for k in 0..self.rays_per_light {
-            let towards = point_of_disc(light, k, self.rays_per_light).as_dvec3();
-            let free = |rays: &RayCaster| !rays.is_blocked(from, towards, f64::INFINITY);
+            let towards = point_of_disc(light, from, k, self.rays_per_light).as_dvec3();
+            let free = |rays: &RayCaster| !rays.is_blocked(from.as_dvec3(), towards, farthest);
             let (open_real, open_virtual) =
                 (free(&self.phantom_casters), free(&self.virtual_parts));
             phantoms += u32::from(open_real);
@@ -164,15 +168,17 @@ impl Reference {
     }
 }
 
-/// The `k`-th of `count` directions that are distributed evenly over a light's disc (Vogel 1979).
-fn point_of_disc(light: &DomeLight, k: u32, count: u32) -> Vec3 {
+/// The `k`-th of `count` vectors from a point that are distributed evenly over a light's disc (Vogel
+/// 1979), in units of its distance from its reference.
+fn point_of_disc(light: &DomeLight, from: Vec3, k: u32, count: u32) -> Vec3 {
+    let centre = light.towards(from);
     if count == 1 {
-        return light.direction;
+        return centre;
     }
     let (right, up) = light.direction.any_orthonormal_pair();
     let radius = light.angular_radius.tan() * ((k as f32 + 0.5) / count as f32).sqrt();
     let (sin, cos) = (2.399_963_2 * k as f32).sin_cos();
-    (light.direction + (right * cos + up * sin) * radius).normalize()
+    centre + (right * cos + up * sin) * radius
 }
 
 fn described(seen: Seen, hit: Hit, parts: &[Part]) -> Surface {

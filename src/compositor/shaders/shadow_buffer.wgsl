@@ -42,9 +42,20 @@ fn next_light(w: LightCursor) -> LightCursor {
     return LightCursor(mask, light, min(light + frame.tiling.x, frame.counts.x));
 }
 
-// Cosine of light `i` on a surface; 0 for no light.
-fn facing(i: u32, n: vec3f) -> f32 {
-    return select(0.0, max(dot(n, lights[i].direction.xyz), 0.0), i != NO_LIGHT);
+// What the irradiance of light `i` is multiplied by on a surface; 0 for no light.
+fn facing(i: u32, world: vec3f, n: vec3f) -> f32 {
+    return select(0.0, facing_light(towards_light(i, world), n), i != NO_LIGHT);
+}
+
+// Unshadowed irradiance of near lights, which are in no table.
+fn near_irradiance(world: vec3f, n: vec3f) -> vec3f {
+    var sum = vec3f(0.0);
+    let count = non_uniform(frame.counts.z, world.x);
+    for (var k = 0u; k < count; k++) {
+        let place = frame.near_lights[k].place;
+        sum += frame.near_lights[k].irradiance.rgb * facing_light(place.xyz - place.w * world, n);
+    }
+    return sum;
 }
 
 // Software drivers run a loop's body once more than needed unless its condition is at its end; so
@@ -55,8 +66,8 @@ fn lost_behind_virtual(masks: vec4u, world: vec3f, n: vec3f) -> vec3f {
     var at = first_light(masks.xy & ~masks.zw);
     loop {
         let i = at.light;
-        let n_dot_l = facing(i, n);
-        let blocked = 1.0 - virtual_visibility(i, world, n, n_dot_l, 0.0);
+        let n_dot_l = facing(i, world, n);
+        let blocked = 1.0 - virtual_visibility(i, world, n, 0.0);
         lost += lights[i].irradiance.rgb * (n_dot_l * blocked);
         continuing {
             at = next_light(at);
@@ -66,8 +77,8 @@ fn lost_behind_virtual(masks: vec4u, world: vec3f, n: vec3f) -> vec3f {
     at = first_light(masks.xy & masks.zw);
     loop {
         let i = at.light;
-        let n_dot_l = facing(i, n);
-        let blocked = 1.0 - virtual_visibility(i, world, n, n_dot_l, 0.0);
+        let n_dot_l = facing(i, world, n);
+        let blocked = 1.0 - virtual_visibility(i, world, n, 0.0);
         let real = phantom_visibility(i, world, n, 1.0);
         lost += lights[i].irradiance.rgb * (n_dot_l * blocked * real);
         continuing {
@@ -83,7 +94,7 @@ fn arriving_in_real(open: vec3f, masks: vec4u, world: vec3f, n: vec3f) -> vec3f 
     var at = first_light(masks.zw);
     loop {
         let i = at.light;
-        let n_dot_l = facing(i, n);
+        let n_dot_l = facing(i, world, n);
         let blocked = 1.0 - phantom_visibility(i, world, n, 1.0);
         sum -= lights[i].irradiance.rgb * (n_dot_l * blocked);
         continuing {
@@ -104,7 +115,7 @@ fn phantom_shadow(@builtin(position) at: vec4f) -> @location(0) vec4f {
     // Minus the indirect light from virtual objects.
     let lost = (lost_behind_virtual(masks, world, n) - indirect_irradiance(0.0, world, n)) * frame.params.x;
     let added = multiplied_lamps(lamps_at(phantom_lamps, pixel), world, n);
-    let open = open_in_real(world, n);
+    let open = open_in_real(world, n) + near_irradiance(world, n);
     let arriving = max(arriving_in_real(open, masks, world, n), lost);
     let share = arriving.g / max(open.g, 1e-6);
     return vec4f(change_of_picture(lost, arriving, added, n), key_with_share(surface.w, share));
@@ -128,7 +139,7 @@ fn virtual_light(@builtin(position) position: vec4f) -> @location(0) vec4u {
     let depth = textureLoad(virtual_depth, found.xy, found.z);
     let world = world_at(sample_position(found.xy, found.z), depth);
     // The sky's polynomial contains the cells but not the compact sources.
-    var remaining = sky_irradiance(n) + by_normal(irradiance_of_compact, n);
+    var remaining = sky_irradiance(n) + by_normal(irradiance_of_compact, n) + near_irradiance(world, n);
     let cells = by_normal(irradiance_of_lights, n) - by_normal(irradiance_of_compact, n);
     var hidden = vec3f(0.0);
     // Few lights reach phantoms; the others need no look-up of the phantoms' shadow maps.
@@ -136,8 +147,8 @@ fn virtual_light(@builtin(position) position: vec4f) -> @location(0) vec4u {
     var at = first_light(masks.xy & ~masks.zw);
     loop {
         let i = at.light;
-        let n_dot_l = facing(i, n);
-        let hides = lights[i].irradiance.rgb * (n_dot_l * (1.0 - virtual_visibility(i, world, n, n_dot_l, 1.0)));
+        let n_dot_l = facing(i, world, n);
+        let hides = lights[i].irradiance.rgb * (n_dot_l * (1.0 - virtual_visibility(i, world, n, 1.0)));
         remaining -= hides;
         hidden += hides * (1.0 - lights[i].irradiance.w);
         continuing {
@@ -148,8 +159,8 @@ fn virtual_light(@builtin(position) position: vec4f) -> @location(0) vec4u {
     at = first_light(masks.zw);
     loop {
         let i = at.light;
-        let n_dot_l = facing(i, n);
-        let open = virtual_visibility(i, world, n, n_dot_l, 1.0);
+        let n_dot_l = facing(i, world, n);
+        let open = virtual_visibility(i, world, n, 1.0);
         let seen = open * phantom_visibility(i, world, n, 0.0);
         remaining -= lights[i].irradiance.rgb * (n_dot_l * (1.0 - seen));
         hidden += lights[i].irradiance.rgb * (n_dot_l * (1.0 - open) * (1.0 - lights[i].irradiance.w));

@@ -22,19 +22,32 @@ fn with_point(b: Bounds, p: vec3f, n: vec3f) -> Bounds {
     return Bounds(min(b.low, p), max(b.high, p), min(b.normal_low, n), max(b.normal_high, n));
 }
 
-fn reaches(u: vec4f, v: vec4f, d: vec4f, spread: f32, centre: vec4f, extent: vec3f) -> bool {
-    let at = vec2f(dot(u, centre), dot(v, centre));
-    let deepest = dot(d, centre) + dot(abs(d.xyz), extent);
+// Whether a shadow map covers any of the points within `extent` of `centre`, or their penumbrae.
+fn reaches(i: u32, fit: vec4f, depth: vec2f, centre: vec3f, extent: vec3f) -> bool {
+    let at = in_light_space(i, centre);
+    let by = vec2f(dot(abs(lights[i].right.xyz), extent), dot(abs(lights[i].up.xyz), extent));
+    let along = dot(abs(lights[i].direction.xyz), extent);
+    let more = lights[i].place.w * along;
+    // The box may reach behind a near light.
+    let behind = at.w - more < 0.05;
+    let widest = 1.0 / max(at.w - more, 0.05);
+    let least = 1.0 / max(at.w + more, 0.05);
+    let low = min((at.xy - by) * widest, (at.xy - by) * least);
+    let high = max((at.xy + by) * widest, (at.xy + by) * least);
+    let deepest = (at.z + along) * least * depth.x + depth.y;
     // Penumbrae extend beyond the map.
-    let wider = spread * max(deepest, 0.0) * vec2f(length(u.xyz), length(v.xyz));
-    let by = vec2f(dot(abs(u.xyz), extent), dot(abs(v.xyz), extent)) + wider;
-    return all(abs(at - vec2f(0.5)) < by + vec2f(0.5)) && deepest > 0.0;
+    let spread = select(0.0, lights[i].more.w, SOFT > 1);
+    let wider = spread * max(deepest, 0.0) / max(depth.x, 1e-9) * fit.xy;
+    let inside = all(high * fit.xy + fit.zw + wider > vec2f(0.0)) && all(low * fit.xy + fit.zw - wider < vec2f(1.0));
+    return depth.x > 0.0 && (behind || (inside && deepest > 0.0));
 }
 
-fn faces(direction: vec3f, b: Bounds) -> bool {
+fn faces(i: u32, b: Bounds) -> bool {
     let centre = 0.5 * (b.normal_low + b.normal_high);
     let extent = 0.5 * (b.normal_high - b.normal_low);
-    return dot(direction, centre) + dot(abs(direction), extent) > 0.0;
+    let v = towards_light(i, 0.5 * (b.low + b.high));
+    let around = lights[i].place.w * 0.5 * (b.high - b.low);
+    return dot(v, centre) + dot(abs(v), extent) + dot(around, abs(centre) + extent) > 0.0;
 }
 
 // The bit of a light in a mask; lights are iterated in order.
@@ -70,24 +83,23 @@ fn blockable(b: Bounds, count: u32) -> vec4u {
     if any(b.low > b.high) {
         return masks;
     }
-    let centre = vec4f(0.5 * (b.low + b.high), 1.0);
+    let centre = 0.5 * (b.low + b.high);
     var position = LightBit(vec2u(0u), 0u);
     for (var i = 0u; i < count; i++) {
         position = next_bit(position);
         let word = position.bit;
         let dark = all(lights[i].irradiance.rgb == vec3f(0.0));
-        if dark | !faces(lights[i].direction.xyz, b) {
+        if dark | !faces(i, b) {
             continue;
         }
         // Shading lifts points off their surface by up to two texels.
         let extent = 0.5 * (b.high - b.low);
-        let near = extent + vec3f(2.0 * lights[i].scale.x);
-        let far = extent + vec3f(2.0 * lights[i].scale.y);
-        let spread = select(0.0, tan(lights[i].direction.w), SOFT > 1);
-        if reaches(lights[i].virtual_u, lights[i].virtual_v, lights[i].virtual_d, spread * lights[i].scale.z, centre, near) {
+        let near = extent + vec3f(2.0 * lights[i].more.y);
+        let far = extent + vec3f(2.0 * lights[i].more.z);
+        if reaches(i, lights[i].virtual_fit, lights[i].depths.xy, centre, near) {
             masks |= vec4u(word, 0u, 0u);
         }
-        if reaches(lights[i].phantom_u, lights[i].phantom_v, lights[i].phantom_d, spread * lights[i].scale.w, centre, far) {
+        if reaches(i, lights[i].phantom_fit, lights[i].depths.zw, centre, far) {
             masks |= vec4u(0u, 0u, word);
         }
     }

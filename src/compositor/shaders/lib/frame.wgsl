@@ -1,6 +1,13 @@
 // Values of the frame that all passes share. Twin of `gpu_data::FrameUniform` and
 // `gpu_data::LightUniform`.
 
+// A near light: v(p) = place.xyz - place.w p leads to it from a point p, in units of its distance from
+// the point for which its irradiance is stated.
+struct NearLight {
+    place: vec4f,
+    irradiance: vec4f,
+}
+
 struct Frame {
     // Columns of world_from_camera's rotation; w of the last is unused.
     right: vec4f,
@@ -15,7 +22,7 @@ struct Frame {
     clip_from_world: mat4x4f,
     // Irradiance polynomial of the environment without its compact sources.
     harmonics: array<vec4f, 9>,
-    // Number of lights, shadow mode, 0, highest mip of the radiance map.
+    // Number of lights, shadow mode, number of near lights, highest mip of the radiance map.
     counts: vec4u,
     // Shadow strength, ground height (metres), 1 where there is a ground, highest mip of the
     // surroundings.
@@ -55,23 +62,30 @@ struct Frame {
     vignetting: vec4f,
     // Focal lengths of that picture, and its principal point relative to that centre, pixels.
     vignetting_intrinsics: vec4f,
+    // The near lights where nothing blocks them; their number is counts.z.
+    near_lights: array<NearLight, MAX_NEAR_LIGHTS>,
 }
 
+// A light of the dome, and how its shadow maps lie in its own space; see `in_light_space`.
 struct Light {
-    // Texture coordinates and depth in the virtual casters' shadow map: rows of an affine map.
-    virtual_u: vec4f,
-    virtual_v: vec4f,
-    virtual_d: vec4f,
-    // The same for the phantoms' map.
-    phantom_u: vec4f,
-    phantom_v: vec4f,
-    phantom_d: vec4f,
-    // Direction to the light; w = angular radius, radians.
+    // Axes across its direction; w = minus the coordinate of its reference.
+    right: vec4f,
+    up: vec4f,
+    // Direction to the light, to a near one from its reference; w = angular radius, radians.
     direction: vec4f,
     // RGB irradiance on a surface facing it; w = 1 for a compact source, 0 for a cell.
     irradiance: vec4f,
-    // Texel sizes of both maps, then metres per unit of depth of both.
-    scale: vec4f,
+    // Leads to it from a point, as in `NearLight`; w = 0 for a distant light, whose direction it is.
+    place: vec4f,
+    // Scale and offset from its space to texture coordinates in the virtual casters' map, and in the
+    // phantoms' map.
+    virtual_fit: vec4f,
+    phantom_fit: vec4f,
+    // Scale and offset to depth in both maps.
+    depths: vec4f,
+    // Minus the coordinate of its reference along the direction, texel sizes of both maps (metres),
+    // tangent of the angular radius.
+    more: vec4f,
 }
 
 @group(0) @binding(0) var<uniform> frame: Frame;
@@ -95,6 +109,33 @@ struct Light {
 // that varies between fragments.
 fn non_uniform(x: u32, here: f32) -> u32 {
     return x + select(0u, 1u, here < -1e30);
+}
+
+// Coordinates of a point in a light's space, metres: across its direction, and away from it. A near
+// light is moved to infinity with the space around it by a projective map, so that its rays, too, are
+// parallel; w divides the first three.
+fn in_light_space(i: u32, p: vec3f) -> vec4f {
+    let along = dot(lights[i].direction.xyz, p) + lights[i].more.x;
+    let across = vec2f(dot(lights[i].right.xyz, p) + lights[i].right.w, dot(lights[i].up.xyz, p) + lights[i].up.w);
+    return vec4f(across, -along, 1.0 - lights[i].place.w * along);
+}
+
+// Texture coordinates and depth in a shadow map.
+fn in_shadow_map(at: vec4f, fit: vec4f, depth: vec2f) -> vec3f {
+    let q = at.xyz / max(at.w, 0.02);
+    return vec3f(q.xy * fit.xy + fit.zw, q.z * depth.x + depth.y);
+}
+
+// Vector from a point to light `i`, in units of its distance from its reference.
+fn towards_light(i: u32, p: vec3f) -> vec3f {
+    return lights[i].place.xyz - lights[i].place.w * p;
+}
+
+// What the irradiance of a light is multiplied by on a surface, given the vector to the light:
+// inverse square law and cosine. Twin of `DomeLight::facing`.
+fn facing_light(v: vec3f, n: vec3f) -> f32 {
+    let square = max(dot(v, v), 0.0025);
+    return max(dot(n, v), 0.0) * inverseSqrt(square) / square;
 }
 
 fn ray_through(pixel: vec2f) -> vec3f {

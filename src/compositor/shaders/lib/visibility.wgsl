@@ -10,12 +10,13 @@ fn inside(uv: vec2f) -> bool {
 
 // A point of a surface that is in the map itself is lifted along the normal by the size of the
 // texel that it might share with its own caster; otherwise surfaces shadow themselves in stripes.
-fn lifted(world: vec3f, n: vec3f, n_dot_l: f32, texel: f32, own: f32) -> vec4f {
+fn lifted(i: u32, world: vec3f, n: vec3f, texel: f32, own: f32) -> vec3f {
     if own == 0.0 {
-        return vec4f(world, 1.0);
+        return world;
     }
+    let n_dot_l = dot(n, normalize(towards_light(i, world)));
     let slope = sqrt(max(1.0 - n_dot_l * n_dot_l, 0.0));
-    return vec4f(world + n * (texel * (0.5 + 1.5 * slope)), 1.0);
+    return world + n * (texel * (0.5 + 1.5 * slope));
 }
 
 // Evenly distributed points of a disc (Vogel 1979), rotated by the angle of cosine and sine
@@ -26,10 +27,10 @@ fn disc(k: i32, count: i32, rotation: vec2f) -> vec2f {
     return vec2f(p.x * rotation.x - p.y * rotation.y, p.x * rotation.y + p.y * rotation.x);
 }
 
-// Shadow-map coordinates around a point of a surface: the point, and the change of each coordinate
-// (u, v, depth) per metre along the surface's plane, measured across the light.
+// Shadow-map coordinates around a point of a surface.
 struct MapPoint {
     at: vec3f,
+    // Change of u and v per metre across the light.
     across: vec2f,
     // Change of depth per unit of u and of v on the plane.
     slope: vec2f,
@@ -37,20 +38,21 @@ struct MapPoint {
     depth: f32,
 }
 
-fn map_point(u: vec4f, v: vec4f, d: vec4f, p: vec4f, n: vec3f, depth: f32) -> MapPoint {
-    let across = vec2f(length(u.xyz), length(v.xyz));
-    // The normal in the map's axes; a plane's depth changes by -n_u/n_d, -n_v/n_d.
-    let m = vec3f(dot(u.xyz, n) / across.x, dot(v.xyz, n) / across.y, dot(d.xyz, n) * depth);
-    let steep = select(m.z, -1e-3, abs(m.z) < 1e-3);
-    let slope = clamp(-m.xy / steep, vec2f(-4.0), vec2f(4.0)) / (depth * across);
-    return MapPoint(vec3f(dot(u, p), dot(v, p), dot(d, p)), across, slope, depth);
+// A point with a normal: a plane's depth changes by n_u/n_d, n_v/n_d, where n_d is the product of the
+// normal with the vector to the light.
+fn map_point(i: u32, fit: vec4f, depth: vec2f, p: vec3f, n: vec3f) -> MapPoint {
+    let across = vec2f(dot(lights[i].right.xyz, n), dot(lights[i].up.xyz, n));
+    let towards = dot(towards_light(i, p), n);
+    let steep = select(towards, 1e-3, abs(towards) < 1e-3);
+    let slope = clamp(across / steep, vec2f(-4.0), vec2f(4.0)) * (depth.x / max(fit.xy, vec2f(1e-9)));
+    return MapPoint(in_shadow_map(in_light_space(i, p), fit, depth), fit.xy, slope, 1.0 / max(depth.x, 1e-9));
 }
 
 // Visible fraction of the light's disc by percentage-closer soft shadows (Fernando 2005): the mean
 // distance of the blockers within the light's cone gives the penumbra's width, over which the map
 // is then filtered.
 fn soft(maps: texture_depth_2d_array, i: u32, f: MapPoint, rotation: vec2f) -> f32 {
-    let spread = tan(lights[i].direction.w);
+    let spread = lights[i].more.w;
     let size = vec2f(textureDimensions(maps));
     let widest = spread * max(f.at.z, 0.0) * f.depth * f.across;
     var blockers = 0.0;
@@ -94,9 +96,9 @@ fn rotation_at(world: vec3f, i: u32) -> vec2f {
 }
 
 // `own` = 1 on virtual surfaces, 0 on others.
-fn virtual_visibility(i: u32, world: vec3f, n: vec3f, n_dot_l: f32, own: f32) -> f32 {
-    let p = lifted(world, n, n_dot_l, lights[i].scale.x, own);
-    let f = map_point(lights[i].virtual_u, lights[i].virtual_v, lights[i].virtual_d, p, n, lights[i].scale.z);
+fn virtual_visibility(i: u32, world: vec3f, n: vec3f, own: f32) -> f32 {
+    let p = lifted(i, world, n, lights[i].more.y, own);
+    let f = map_point(i, lights[i].virtual_fit, lights[i].depths.xy, p, n);
     if SOFT > 1 {
         return soft(virtual_maps, i, f, rotation_at(world, i));
     }
@@ -107,10 +109,9 @@ fn virtual_visibility(i: u32, world: vec3f, n: vec3f, n_dot_l: f32, own: f32) ->
 // plane across a texel prevents self-shadowing: lifting along the normal would move the rims of
 // real shadows by pixels where phantoms are wide and the sun is low.
 fn phantom_visibility(i: u32, world: vec3f, n: vec3f, own: f32) -> f32 {
-    let p = vec4f(world, 1.0);
-    var f = map_point(lights[i].phantom_u, lights[i].phantom_v, lights[i].phantom_d, p, n, lights[i].scale.w);
+    var f = map_point(i, lights[i].phantom_fit, lights[i].depths.zw, world, n);
     let slope = dot(abs(f.slope), vec2f(1.0) / vec2f(textureDimensions(phantom_maps)));
-    f.at.z -= own * (slope + 0.5 * lights[i].scale.y / max(lights[i].scale.w, 1e-6));
+    f.at.z -= own * (slope + 0.5 * lights[i].more.z * lights[i].depths.z);
     if SOFT > 1 {
         return soft(phantom_maps, i, f, rotation_at(world, i));
     }
