@@ -3,6 +3,7 @@
 //! `shaders/phantom_geometry.wgsl` and `shaders/virtual_geometry.wgsl`.
 
 use bytemuck::{Pod, Zeroable};
+use glam::Vec3;
 use penumbra_lighting::light::{CompactSourceSpecular, MAX_COMPACT_SOURCES, MAX_LEVELS};
 use penumbra_lighting::place::MAX_NEAR_LIGHTS;
 use penumbra_scene::lamps::MAX_LAMPS;
@@ -90,6 +91,7 @@ pub struct LampsUniform {
 pub struct CompactSourceUniform {
     pub direction: [f32; 4],
     pub flux: [f32; 4],
+    pub place: [f32; 4],
     pub weights: [f32; MAX_LEVELS],
 }
 
@@ -109,6 +111,9 @@ impl CompactSourcesUniform {
             *to = CompactSourceUniform {
                 direction: from.direction.extend(from.radius).to_array(),
                 flux: from.flux.extend(0.0).to_array(),
+                place: (from.place.towards(from.direction, Vec3::ZERO))
+                    .extend(from.place.inverse_distance)
+                    .to_array(),
                 weights: from.weights,
             };
             all.count[0] += 1;

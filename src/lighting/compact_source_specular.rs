@@ -18,6 +18,7 @@
 use super::cube::{CubeGrid, sample};
 use super::light::{CompactSourceSpecular, CubeMap, MAX_COMPACT_SOURCES, MAX_LEVELS};
 use super::lobes::{Family, nearest_level, own_width, phong_exponent, widths};
+use super::place::LightPlace;
 use super::sources::LUMINANCE;
 use glam::Vec3;
 use penumbra_numerics::smoothstep;
@@ -98,6 +99,7 @@ fn describe(
         flux,
         radius,
         weights,
+        place: LightPlace::FAR,
     };
     (counts > 0.0 && radius.is_finite()).then_some(Excess { source, parts })
 }

@@ -325,7 +325,12 @@ impl EnvironmentEstimator {
             ground_radiance,
         };
         let faces = self.face_light(input.gains, &filling, sources);
-        let radiance = Arc::new(self.radiance_map(&full, &residual, sources, input));
+        let followed = match &self.dome {
+            Dome::Adaptive(dome) => dome.sources(),
+            Dome::Grid(_) => Vec::new(),
+        };
+        let (places, full) = self.moved_sources(full, &residual, &followed, &views);
+        let radiance = Arc::new(self.radiance_map(&full, &residual, &places, input));
         self.stages.done("prefilter");
         Lighting {
             captured_at: input.captured_at,

@@ -1,6 +1,6 @@
 //! The estimated light, as the compositor receives it.
 
-use super::place::LightPlace;
+use super::place::{LEAST_DISTANCE, LightPlace};
 use glam::Vec3;
 use penumbra_interface::MonotonicTime;
 use std::sync::Arc;
@@ -63,9 +63,23 @@ pub struct CompactSourceSpecular {
     pub radius: f32,
     /// Share of it that each level of the map leaves out.
     pub weights: [f32; MAX_LEVELS],
+    /// How far it is.
+    pub place: LightPlace,
 }
 
 impl CompactSourceSpecular {
+    /// Returns it as it is seen from `point`, world, metres.
+    #[must_use]
+    pub fn seen_from(&self, point: Vec3) -> Self {
+        let v = self.place.towards(self.direction, point);
+        let length = v.length().max(LEAST_DISTANCE);
+        Self {
+            direction: v / length,
+            flux: self.flux / (length * length),
+            ..*self
+        }
+    }
+
     /// Returns the share of it that is left out by the mixture of levels that represents a lobe.
     #[must_use]
     pub fn weight(&self, level: f32) -> f32 {

@@ -33,6 +33,13 @@ impl LightPlace {
         inverse_distance: 0.0,
     };
 
+    /// Returns the vector from `point` to a light in `direction` from the reference, in units of its
+    /// distance from there.
+    #[must_use]
+    pub fn towards(&self, direction: Vec3, point: Vec3) -> Vec3 {
+        direction + (self.reference - point) * self.inverse_distance
+    }
+
     /// Returns the angle, radians, by which a light seen from a point beside the reference would
     /// move if its place were another one in the same direction.
     #[must_use]
@@ -62,7 +69,7 @@ impl LightPlace {
 
 /// Smallest distance from a near light, as a share of its distance from the reference: bounds what
 /// a surface receives that touches the lamp.
-const LEAST_DISTANCE: f32 = 0.05;
+pub(super) const LEAST_DISTANCE: f32 = 0.05;
 
 impl DomeLight {
     /// Returns it as if it were infinitely far.
@@ -78,8 +85,7 @@ impl DomeLight {
     /// the reference; a unit vector for distant lights.
     #[must_use]
     pub fn towards(&self, point: Vec3) -> Vec3 {
-        let place = &self.place;
-        self.direction + (place.reference - point) * place.inverse_distance
+        self.place.towards(self.direction, point)
     }
 
     /// Returns the factor on its irradiance at `point` for a surface with unit normal `n`:

@@ -114,7 +114,7 @@ fn shade(pixel: vec2i, s: i32, own: bool) -> vec3f {
     let scale = gloss.f0 * table.x + vec3f(gloss.f90 * table.y);
     let specular = scale * mirrored;
     let diffuse = base * diffuse_share(shape, properties) * irradiance / PI;
-    let sources = compact_source_specular(n, v, gloss, table.w);
+    let sources = compact_source_specular(world, n, v, gloss, table.w);
     let lamps = lamp_highlights(lamps_at(virtual_lamps, pixel), world, n, v, gloss, round_lobe(gloss, scale, d));
     return diffuse + specular + sources + lamps + emissive_of(material);
 }

@@ -99,6 +99,7 @@ fn moved(
         flux: a.flux.lerp(b.flux, shares.energy),
         radius: a.radius + (b.radius - a.radius) * place,
         weights,
+        place: a.place.toward(&b.place, place),
     }
 }
 

@@ -205,6 +205,7 @@ fn map(value: f32, towards: Vec3) -> CubeMap {
             flux: Vec3::splat(value),
             radius: 0.05,
             weights: [value / 4.0; MAX_LEVELS],
+            place: LightPlace::FAR,
         }],
         ..CubeMap::default()
     }

@@ -2,8 +2,10 @@
 
 use super::super::box_chain::box_chain;
 use super::super::compact_source_specular::excesses;
+use super::super::cube::sample_seamless;
 use super::super::light::{CubeMap, Filtering};
 use super::super::lobes::widths;
+use super::super::place::{LightPlace, Seen};
 use super::super::prefilter::level_count;
 use super::*;
 use glam::DVec3;
@@ -21,20 +23,73 @@ impl EnvironmentEstimator {
         self.prefilter.set_phong(wanted);
     }
 
+    /// Returns the directions of `sources` as seen from where lights are needed, with their places,
+    /// and the map `full`, which contains them and `without` does not, with the near ones moved to
+    /// these directions. Their radiance stays the same.
+    pub(super) fn moved_sources(
+        &self,
+        full: Vec<Vec3>,
+        without: &[Vec3],
+        sources: &[CompactSource],
+        views: &Viewpoints,
+    ) -> (Vec<(Vec3, LightPlace)>, Vec<Vec3>) {
+        let moved = |s: &CompactSource| {
+            let seen = Seen {
+                direction: s.direction,
+                irradiance: s.irradiance,
+                angular_radius: s.angular_radius,
+            };
+            let (seen, place) = views.moved(seen, s.inverse_distance);
+            (seen.direction, place)
+        };
+        let places: Vec<(Vec3, LightPlace)> = sources.iter().map(moved).collect();
+        if places.iter().all(|(_, place)| place.is_far()) {
+            return (places, full);
+        }
+        let excess = |(all, rest): (&Vec3, &Vec3)| (*all - *rest).max(Vec3::ZERO).to_array();
+        let excess: Vec<[f32; 3]> = full.iter().zip(without).map(excess).collect();
+        let mut out = without.to_vec();
+        for (i, d) in self.grid.directions.iter().enumerate() {
+            let along = |s: &CompactSource| s.direction.dot(*d);
+            let nearest = sources.iter().max_by(|a, b| along(a).total_cmp(&along(b)));
+            if nearest.is_none_or(|s| s.inverse_distance == 0.0) {
+                out[i] += Vec3::from(excess[i]);
+            }
+            for (source, (direction, place)) in sources.iter().zip(&places) {
+                let reach = 3.0 * source.angular_radius + 4.0 / self.grid.size as f32;
+                if place.is_far() || direction.dot(*d) < 0.5 {
+                    continue;
+                }
+                let point = views.reference + d.as_dvec3() / f64::from(place.inverse_distance);
+                let seen = (point - views.observer).as_vec3().normalize_or_zero();
+                if seen.distance(source.direction) < reach {
+                    out[i] += sample_seamless(&excess, self.grid.size, seen);
+                }
+            }
+        }
+        (places, out)
+    }
+
     /// Filters `full`, which contains `sources` that `without` does not, both in the scene's units.
     pub(super) fn radiance_map(
         &self,
         full: &[Vec3],
         without: &[Vec3],
-        sources: &[Source],
+        sources: &[(Vec3, LightPlace)],
         input: &EnvironmentInput,
     ) -> CubeMap {
         match self.settings.filtering {
             Filtering::Prefiltered => {
-                let towards: Vec<Vec3> = sources.iter().map(|s| s.direction).collect();
+                let towards: Vec<Vec3> = sources.iter().map(|s| s.0).collect();
                 let widths = widths(self.grid.size, level_count(self.grid.size));
                 let excesses = excesses(&self.grid, full, without, &towards, &widths);
-                self.prefilter.apply_without(full, &excesses)
+                let mut map = self.prefilter.apply_without(full, &excesses);
+                for source in &mut map.compact_sources {
+                    let angle = |s: &(Vec3, LightPlace)| s.0.angle_between(source.direction);
+                    let nearest = sources.iter().min_by(|a, b| angle(a).total_cmp(&angle(b)));
+                    source.place = nearest.map_or(LightPlace::FAR, |s| s.1);
+                }
+                map
             }
             Filtering::Box => {
                 // The paper's sphere is seen by the scene camera; without a pose, from above.

@@ -6,6 +6,8 @@ struct CompactSource {
     direction: vec4f,
     // Irradiance on a surface facing the source.
     flux: vec4f,
+    // Leads to it from a point, as in `NearLight`; w = 0 for a distant source.
+    place: vec4f,
     // Fraction of the flux that mip levels 0 to 7 leave out.
     weights: array<vec4f, 2>,
 }
@@ -35,7 +37,7 @@ fn widened_by_disc(g: Gloss, v: vec3f, l: vec3f, radius: f32) -> Gloss {
 }
 
 // Radiance that a surface reflects from compact sources; `level` is the mip level of its map.
-fn compact_source_specular(n: vec3f, v: vec3f, gloss: Gloss, level: f32) -> vec3f {
+fn compact_source_specular(world: vec3f, n: vec3f, v: vec3f, gloss: Gloss, level: f32) -> vec3f {
     let off = vec4f(level) - vec4f(0.0, 1.0, 2.0, 3.0);
     let low = max(vec4f(1.0) - abs(off), vec4f(0.0));
     let high = max(vec4f(1.0) - abs(off - vec4f(4.0)), vec4f(0.0));
@@ -48,9 +50,11 @@ fn compact_source_specular(n: vec3f, v: vec3f, gloss: Gloss, level: f32) -> vec3
     // more.
     var k = 0u;
     loop {
-        let l = compact_sources.each[k].direction.xyz;
+        let towards = compact_sources.each[k].place.xyz - compact_sources.each[k].place.w * world;
+        let near = inverseSqrt(max(dot(towards, towards), 0.0025));
+        let l = towards * near;
         let weight = dot(low, compact_sources.each[k].weights[0]) + dot(high, compact_sources.each[k].weights[1]);
-        let light = compact_sources.each[k].flux.rgb * (max(dot(n, l), 0.0) * weight);
+        let light = compact_sources.each[k].flux.rgb * (max(dot(n, l), 0.0) * weight * near * near);
         sum += lobe_towards(widened_by_disc(gloss, v, l, compact_sources.each[k].direction.w), n, v, l) * light;
         continuing {
             k += 1u;
