@@ -34,6 +34,8 @@ pub struct CompactSource {
     pub angular_radius: f32,
     /// The reciprocal of its distance from the observer, 1/m; 0 if it is far or not known.
     pub inverse_distance: f32,
+    /// Share of its light in pixels that every exposure clips, 0..=1: so much is uncertain.
+    pub clipped: f32,
     /// Number of dome lights that represent it.
     pub lights: usize,
 }
@@ -133,6 +135,7 @@ impl AdaptiveDome {
                 irradiance: s.flux,
                 angular_radius: s.radius(),
                 inverse_distance: s.inverse_distance,
+                clipped: s.clipped,
                 lights: s.lights,
             })
             .collect()

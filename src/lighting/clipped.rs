@@ -47,6 +47,26 @@ pub(super) fn boost(
     }
 }
 
+/// Largest angle between a clipped pixel and the source to which it belongs, radians.
+const NEAR_SOURCE: f32 = 0.35;
+
+/// Multiplies each clipped pixel of `radiance` by the factor of the source nearest to it.
+pub(super) fn raise(
+    factors: &[(Vec3, Vec3)],
+    pixels: &PixelDirections,
+    radiance: &mut [Vec3],
+    clipped: &[u32],
+) {
+    for &i in clipped {
+        let apart =
+            |(direction, _): &&(Vec3, Vec3)| direction.distance(pixels.directions[i as usize]);
+        let nearest = factors.iter().min_by(|a, b| apart(a).total_cmp(&apart(b)));
+        if let Some((_, factor)) = nearest.filter(|near| apart(near) < NEAR_SOURCE) {
+            radiance[i as usize] *= *factor;
+        }
+    }
+}
+
 /// Returns the factor on clipped pixels for which the ground receives `measured`, per channel.
 ///
 /// ```text

@@ -1,7 +1,7 @@
 //! Estimates light from pictures of the environment camera, frame by frame.
 
 use super::adaptive::{AdaptiveDome, CompactSource};
-use super::clipped::boost;
+use super::clipped::{boost, raise};
 use super::cube::{CubeGrid, halve, texel_of};
 use super::dome::{DomeGrid, ground_irradiance};
 use super::harmonics::{HarmonicsTable, blurred, pin_upward};
@@ -13,7 +13,8 @@ use super::prefilter::Prefilter;
 use super::probe::LastSphere;
 use super::resample::{GatherTable, Hidden, PixelDirections, inpaint};
 use super::settings::{
-    EnvironmentError, EnvironmentInput, EnvironmentSettings, IrradianceMethod, LightPlacement,
+    ClippedEnergy, EnvironmentError, EnvironmentInput, EnvironmentSettings, IrradianceMethod,
+    LightPlacement,
 };
 use super::shadow_ratio::{Ground, clipped_factor};
 use super::sources::{LUMINANCE, Layout, SampleGrid, Source, SourceFinder, SourceSettings};
@@ -80,6 +81,8 @@ pub struct EnvironmentEstimator {
     clipped_mask: Vec<bool>,
     last_sphere: LastSphere,
     reference: DVec3,
+    /// Directions of clipped sources, and the factors on their clipped pixels.
+    clipped_factors: Vec<(Vec3, Vec3)>,
     generation: u64,
     /// Ratio of the clipped pixels' brightness to white, estimated from the scene's shadows.
     shadow_factor: Option<f32>,
@@ -145,6 +148,7 @@ impl EnvironmentEstimator {
             clipped_mask: Vec::new(),
             last_sphere: LastSphere::default(),
             reference: DVec3::ZERO,
+            clipped_factors: Vec::new(),
             generation: 0,
             shadow_factor: None,
             neighbours: grid.neighbours(),
@@ -186,6 +190,14 @@ impl EnvironmentEstimator {
         if let Dome::Adaptive(dome) = &mut self.dome {
             dome.set_distances(distances);
         }
+    }
+
+    /// Sets the factors, RGB, on clipped pixels, for sources near the given directions (unit vectors from
+    /// the observer); they hold from the next update on, with [`ClippedEnergy::Measured`] and a
+    /// camera that does not move.
+    pub fn set_clipped_factors(&mut self, factors: impl Iterator<Item = (Vec3, Vec3)>) {
+        self.clipped_factors.clear();
+        self.clipped_factors.extend(factors);
     }
 
     /// Returns the point from which the environment is seen, world, metres; `None` while a sphere
@@ -253,6 +265,14 @@ impl EnvironmentEstimator {
             input,
             None,
         );
+        if matches!(self.settings.clipped, ClippedEnergy::Measured { .. }) {
+            raise(
+                &self.clipped_factors,
+                pixels,
+                &mut self.radiance,
+                &self.clipped,
+            );
+        }
         table.apply(&self.radiance, &mut self.measured);
         self.coverage.clone_from(&table.coverage);
         self.stages.done("gather");
@@ -262,7 +282,10 @@ impl EnvironmentEstimator {
             layout: Layout::Picture(pixels.width),
         };
         let full = self.measured.clone();
-        let sources = find(&mut self.finder, samples, &self.radiance, &self.settings);
+        let mut sources = find(&mut self.finder, samples, &self.radiance, &self.settings);
+        for source in &mut sources {
+            source.note_clipped(&self.clipped);
+        }
         if sources.is_empty() {
             return Ok((sources, full.clone(), full));
         }

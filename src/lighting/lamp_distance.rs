@@ -28,8 +28,8 @@ pub struct SurfacePoint {
     pub position: DVec3,
     /// Unit normal, world.
     pub normal: Vec3,
-    /// Natural logarithm of the linear luminance in the picture.
-    pub log_luminance: f32,
+    /// Natural logarithms of its linear values in the picture: red, green, blue, luminance.
+    pub log_values: [f32; 4],
     /// Which surface it belongs to.
     pub surface: u32,
 }
@@ -68,10 +68,20 @@ const BLOCK: usize = 8;
 const SCALE: (f32, f32) = (0.05, 0.25);
 /// Student's t from which an improvement is significant.
 const SIGNIFICANT: f32 = 3.0;
+/// The same for more light from a clipped lamp, which has more than its pixels show.
+const LIKELY: f32 = 2.0;
 /// Least cosine between the normals of compared points.
 const SAME_NORMAL: f32 = 0.9;
 /// Largest angular radius of a lamp, radians, whose shadows tell a distance.
-const LARGEST: f32 = 0.25;
+const LARGEST: f32 = 0.15;
+
+/// The largest factor on a clipped lamp's light, octaves.
+const LAST_OCTAVE: f32 = 8.0;
+/// Spacing of the searched factors, octaves, in the first and in the second step.
+const OCTAVES: [f32; 2] = [1.0 / 3.0, 1.0 / 12.0];
+
+/// The channel of luminance.
+const LUMINANCE_OF: usize = 3;
 
 /// Losses in the parts of the picture.
 type Losses = Vec<f32>;
@@ -81,9 +91,9 @@ pub struct DistanceSearch<'a> {
     surfaces: &'a SeenSurfaces,
     observer: DVec3,
     blocked: &'a Blocked<'a>,
-    /// Luminance of the irradiance of each point by everything but the lamps.
-    rest: Vec<f32>,
-    /// The same by each lamp, at its current distance.
+    /// Irradiance of each point by everything but the lamps: red, green, blue, luminance.
+    rest: Vec<[f32; 4]>,
+    /// What each lamp's irradiance is multiplied by at each point, at its current distance.
     by_lamp: Vec<Vec<f32>>,
     lamps: Vec<CompactSource>,
     scale: f32,
@@ -101,9 +111,8 @@ impl<'a> DistanceSearch<'a> {
         blocked: &'a Blocked<'a>,
     ) -> Self {
         let rest = |p: &Option<SurfacePoint>| {
-            p.map_or(0.0, |p| {
-                irradiance.irradiance(p.normal).dot(LUMINANCE).max(1e-6)
-            })
+            let light = p.map_or(Vec3::ZERO, |p| irradiance.irradiance(p.normal));
+            values(light.max(Vec3::splat(1e-6)))
         };
         let mut search = Self {
             surfaces,
@@ -116,60 +125,116 @@ impl<'a> DistanceSearch<'a> {
         };
         let by_lamp = lamps
             .iter()
-            .map(|lamp| search.irradiance(lamp, lamp.inverse_distance));
+            .map(|lamp| search.form(lamp, lamp.inverse_distance));
         search.by_lamp = by_lamp.collect();
         search.scale = search.texture_scale();
         search
     }
 
-    /// Finds the distance of lamp number `lamp`, `anywhere` or near the one that is known, and uses
-    /// it from now on. `None` if the lamp is too large for its shadows to tell.
-    pub fn find(&mut self, lamp: usize, anywhere: bool) -> Option<LampDistance> {
+    /// Finds the distance of lamp number `lamp`, anywhere or near the one that is known, and uses it
+    /// from now on. `None` if the lamp is too large for its shadows to tell.
+    pub fn find(&mut self, lamp: usize, known: Option<f32>) -> Option<LampDistance> {
         let source = *self.lamps.get(lamp)?;
         if source.angular_radius > LARGEST {
             return None;
         }
-        let far = self.losses(lamp, &self.irradiance(&source, 0.0));
+        let far = self.losses(lamp, &self.form(&source, 0.0));
         let mut looked: Vec<(f32, Losses)> = vec![(0.0, far)];
-        let around = if anywhere {
-            self.look(lamp, 0.0, STEPS[0], NEAREST, &mut looked);
-            best(&looked)
+        let (around, reach) = if let Some(known) = known {
+            looked.push((known, self.losses(lamp, &self.by_lamp[lamp])));
+            (known, 2.0 * STEPS[1])
         } else {
-            source.inverse_distance
+            self.look(lamp, [STEPS[0], NEAREST], STEPS[0], &mut looked);
+            (best(&looked, 0.0), STEPS[0])
         };
-        let low = (around - STEPS[0]).max(STEPS[1]);
-        self.look(
-            lamp,
-            low - STEPS[1],
-            STEPS[1],
-            around + STEPS[0],
-            &mut looked,
-        );
-        let found = judged(&looked);
+        let low = (around - reach).max(STEPS[1]);
+        self.look(lamp, [low, around + reach], STEPS[1], &mut looked);
+        let found = judged(&looked, known);
         self.lamps[lamp].inverse_distance = found.inverse;
-        self.by_lamp[lamp] = self.irradiance(&self.lamps[lamp], found.inverse);
+        self.by_lamp[lamp] = self.form(&self.lamps[lamp], found.inverse);
         Some(found)
     }
 
-    /// Adds the losses for the reciprocals after `from` up to `to`, `step` apart.
-    fn look(&self, lamp: usize, from: f32, step: f32, to: f32, looked: &mut Vec<(f32, Losses)>) {
-        let mut inverse = from + step;
-        while inverse <= to + 0.5 * step {
+    /// Finds the factor, RGB, on the light of lamp number `lamp` with which the depth of the shadows
+    /// agrees best, and uses it from now on; 1 if no other is significantly better. `known` is the
+    /// factor that is in the light already: the result times `known` is at least 1. At `first`, the
+    /// colour follows the best match, later only what is significantly better.
+    pub fn find_factor(&mut self, lamp: usize, known: Vec3, first: bool) -> Vec3 {
+        if self.by_lamp.get(lamp).is_none() {
+            return Vec3::ONE;
+        }
+        // Once a lamp is known to be too dark, its factor follows what is seen.
+        let is_corrected = known.max_element() > 1.0;
+        let significant = if is_corrected { 1.0 } else { LIKELY };
+        let range = if is_corrected {
+            [-1.0, 1.0]
+        } else {
+            [0.0, LAST_OCTAVE]
+        };
+        let all = self.best_factor(LUMINANCE_OF, lamp, (Vec3::ONE, range), significant);
+        let mut found = Vec3::splat(all);
+        if is_corrected || all != 1.0 {
+            // The colour of clipped pixels is that of the camera's white.
+            let significant = if first { f32::MIN } else { 1.0 };
+            for channel in 0..3 {
+                let start = (Vec3::splat(all), [-1.0, 1.0]);
+                found[channel] *= self.best_factor(channel, lamp, start, significant);
+            }
+        }
+        let found = found.max(known.recip());
+        self.lamps[lamp].irradiance *= found;
+        self.scale = self.texture_scale();
+        found
+    }
+
+    /// Returns the best factor within a range of octaves on the light of a lamp in a channel, in
+    /// addition to `start`; 1 if it is not better with a Student's t of `significant`.
+    fn best_factor(
+        &self,
+        channel: usize,
+        lamp: usize,
+        (start, [low, high]): (Vec3, [f32; 2]),
+        significant: f32,
+    ) -> f32 {
+        let light = self.lamps[lamp].irradiance * start;
+        let losses = |octaves: f32| {
+            let other = (self.by_lamp[lamp].as_slice(), light * octaves.exp2());
+            (octaves, self.channel_losses(channel, lamp, other))
+        };
+        let steps = ((high - low) / OCTAVES[0]).round() as i32;
+        let coarse = (0..=steps).map(|k| low + OCTAVES[0] * k as f32);
+        let mut looked = vec![losses(0.0)];
+        looked.extend(coarse.filter(|octaves| *octaves != 0.0).map(losses));
+        let around = best(&looked, 0.0);
+        let fine = [-3, -2, -1, 1, 2, 3].map(|k| around + OCTAVES[1] * k as f32);
+        looked.extend(fine.map(losses));
+        let found = best(&looked, 0.0);
+        let of = |wanted: f32| looked.iter().find(|(o, _)| *o == wanted).map(|(_, l)| l);
+        let (Some(before), Some(after)) = (of(0.0), of(found)) else {
+            return 1.0;
+        };
+        // At the end of the range only a bound is known.
+        let is_better = improvement(before, after) > significant && found < LAST_OCTAVE;
+        if is_better { found.exp2() } else { 1.0 }
+    }
+
+    /// Adds the losses for the reciprocals of a range, `step` apart.
+    fn look(&self, lamp: usize, [low, high]: [f32; 2], step: f32, looked: &mut Vec<(f32, Losses)>) {
+        let steps = ((high - low) / step).round() as i32;
+        for inverse in (0..=steps).map(|k| low + step * k as f32) {
             if looked
                 .iter()
                 .all(|(known, _)| (known - inverse).abs() > 0.01)
             {
-                let light = self.irradiance(&self.lamps[lamp], inverse);
-                looked.push((inverse, self.losses(lamp, &light)));
+                let form = self.form(&self.lamps[lamp], inverse);
+                looked.push((inverse, self.losses(lamp, &form)));
             }
-            inverse += step;
         }
     }
 
-    /// Luminance of each point's irradiance by a lamp at a distance of 1/`inverse`.
-    fn irradiance(&self, lamp: &CompactSource, inverse: f32) -> Vec<f32> {
+    /// What the irradiance of a lamp at a distance of 1/`inverse` is multiplied by at each point.
+    fn form(&self, lamp: &CompactSource, inverse: f32) -> Vec<f32> {
         let samples = samples(lamp.angular_radius);
-        let flux = lamp.irradiance.dot(LUMINANCE).max(0.0);
         let (right, up) = lamp.direction.any_orthonormal_pair();
         let radius = lamp.angular_radius.tan();
         let offsets: Vec<Vec3> = (0..samples)
@@ -190,39 +255,46 @@ impl<'a> DistanceSearch<'a> {
             let seen = |offset: &&Vec3| !(self.blocked)(origin, to + offset.as_dvec3(), farthest);
             let share = offsets.iter().filter(seen).count() as f32 / samples as f32;
             let length = to.length().max(0.05);
-            flux * share * (cosine / length.powi(3)) as f32
+            share * (cosine / length.powi(3)) as f32
         };
         self.surfaces.points.iter().map(at).collect()
     }
 
-    /// The losses with other light from lamp number `lamp`.
-    fn losses(&self, lamp: usize, light: &[f32]) -> Losses {
-        let log = self.log_irradiance(Some((lamp, light)));
+    /// The losses of luminance with another form of lamp number `lamp`.
+    fn losses(&self, lamp: usize, form: &[f32]) -> Losses {
+        let light = self.lamps[lamp].irradiance;
+        self.channel_losses(LUMINANCE_OF, lamp, (form, light))
+    }
+
+    /// The losses in a channel with another form and irradiance of a lamp.
+    fn channel_losses(&self, channel: usize, lamp: usize, other: (&[f32], Vec3)) -> Losses {
+        let log = self.log_irradiance(channel, Some((lamp, other)));
         let mut losses = vec![0.0; self.block_count()];
-        self.compare(&log, |block, difference| {
+        self.compare(channel, &log, |block, difference| {
             let square = (difference / self.scale).powi(2);
             losses[block] += square / (1.0 + square);
         });
         losses
     }
 
-    /// Logarithms of the irradiance of all points, with other light from a lamp.
-    fn log_irradiance(&self, other: Option<(usize, &[f32])>) -> Vec<f32> {
-        let mut sum = self.rest.clone();
-        for (k, own) in self.by_lamp.iter().enumerate() {
-            let light = match other {
-                Some((lamp, light)) if lamp == k => light,
-                _ => own,
+    /// Logarithms of the irradiance of all points in a channel, with another form and irradiance of a
+    /// lamp.
+    fn log_irradiance(&self, channel: usize, other: Option<(usize, (&[f32], Vec3))>) -> Vec<f32> {
+        let mut sum: Vec<f32> = self.rest.iter().map(|rest| rest[channel]).collect();
+        for (k, (own, lamp)) in self.by_lamp.iter().zip(&self.lamps).enumerate() {
+            let (form, light) = match other {
+                Some((lamp, other)) if lamp == k => other,
+                _ => (own.as_slice(), lamp.irradiance),
             };
-            sum.iter_mut()
-                .zip(light)
-                .for_each(|(sum, light)| *sum += light);
+            let light = values(light)[channel].max(0.0);
+            let each = sum.iter_mut().zip(form);
+            each.for_each(|(sum, form)| *sum += light * form);
         }
         sum.iter().map(|sum| sum.max(1e-9).ln()).collect()
     }
 
     /// Calls `each` with the block and the difference d of each pair of points that are compared.
-    fn compare(&self, log: &[f32], mut each: impl FnMut(usize, f32)) {
+    fn compare(&self, channel: usize, log: &[f32], mut each: impl FnMut(usize, f32)) {
         let (width, points) = (self.surfaces.width, &self.surfaces.points);
         for (i, point) in points.iter().enumerate() {
             let Some(p) = point else { continue };
@@ -234,7 +306,7 @@ impl<'a> DistanceSearch<'a> {
                         continue;
                     };
                     if q.surface == p.surface && q.normal.dot(p.normal) > SAME_NORMAL {
-                        let seen = p.log_luminance - q.log_luminance;
+                        let seen = p.log_values[channel] - q.log_values[channel];
                         each(self.block(i), seen - (log[i] - log[k]));
                     }
                 }
@@ -256,7 +328,11 @@ impl<'a> DistanceSearch<'a> {
     /// Robust scale of the differences (1.5 MAD): a chequered floor needs a wider loss than a table.
     fn texture_scale(&self) -> f32 {
         let mut all = Vec::new();
-        self.compare(&self.log_irradiance(None), |_, d| all.push(d.abs()));
+        self.compare(
+            LUMINANCE_OF,
+            &self.log_irradiance(LUMINANCE_OF, None),
+            |_, d| all.push(d.abs()),
+        );
         if all.is_empty() {
             return SCALE.1;
         }
@@ -264,6 +340,11 @@ impl<'a> DistanceSearch<'a> {
         let (_, median, _) = all.select_nth_unstable_by(middle, f32::total_cmp);
         (1.5 * *median).clamp(SCALE.0, SCALE.1)
     }
+}
+
+/// Red, green, blue and luminance of linear light.
+fn values(light: Vec3) -> [f32; 4] {
+    [light.x, light.y, light.z, light.dot(LUMINANCE)]
 }
 
 /// Rays to a lamp of an angular radius.
@@ -284,18 +365,18 @@ fn disc(k: usize, count: usize) -> glam::Vec2 {
     glam::Vec2::from_angle(2.399_963_2 * k as f32) * radius
 }
 
-/// The reciprocal with the least loss.
-fn best(looked: &[(f32, Losses)]) -> f32 {
+/// The value with the least loss; `otherwise` without any.
+fn best(looked: &[(f32, Losses)], otherwise: f32) -> f32 {
     let total = |losses: &Losses| losses.iter().sum::<f32>();
     let least = looked
         .iter()
         .min_by(|a, b| total(&a.1).total_cmp(&total(&b.1)));
-    least.map_or(0.0, |(inverse, _)| *inverse)
+    least.map_or(otherwise, |(value, _)| *value)
 }
 
 /// Student's t of the improvement from one set of losses to another over the blocks in which they
 /// differ.
-fn improvement(from: &Losses, to: &Losses) -> f32 {
+fn improvement(from: &[f32], to: &[f32]) -> f32 {
     let differences = from.iter().zip(to).map(|(a, b)| a - b);
     let (mut sum, mut squares) = (0.0, 0.0);
     for d in differences {
@@ -305,26 +386,189 @@ fn improvement(from: &Losses, to: &Losses) -> f32 {
     sum / squares.max(1e-12).sqrt()
 }
 
-/// The best reciprocal if it is significantly better than 0, with its standard deviation.
-fn judged(looked: &[(f32, Losses)]) -> LampDistance {
-    let inverse = best(looked);
-    let of = |wanted: f32| looked.iter().find(|(inverse, _)| *inverse == wanted);
-    let (Some((_, far)), Some((_, least))) = (of(0.0), of(inverse)) else {
-        return LampDistance {
-            inverse: 0.0,
-            sigma: f32::INFINITY,
-        };
+/// The best reciprocal, with its standard deviation, if it is significantly better than 0; of a
+/// lamp whose reciprocal is `known`, that one unless another is better.
+fn judged(looked: &[(f32, Losses)], known: Option<f32>) -> LampDistance {
+    let mut inverse = best(looked, 0.0);
+    let losses = |wanted: f32| {
+        let found = looked.iter().find(|(inverse, _)| *inverse == wanted);
+        found.map_or(&[][..], |(_, losses)| losses.as_slice())
     };
+    if let Some(known) = known {
+        let needed = if inverse == 0.0 { SIGNIFICANT } else { 1.0 };
+        if improvement(losses(known), losses(inverse)) < needed {
+            inverse = known;
+        }
+    }
     // As far as a reciprocal is less than one standard deviation worse, it may be the right one.
-    let alike = looked
-        .iter()
-        .filter(|(_, losses)| improvement(losses, least) < 1.0);
-    let spread = alike
+    let least = losses(inverse);
+    let alike = looked.iter().filter(|(_, l)| improvement(l, least) < 1.0);
+    let sigma = alike
         .map(|(i, _)| (i - inverse).abs())
         .fold(STEPS[1], f32::max);
-    let is_near = improvement(far, least) > SIGNIFICANT && inverse > 2.0 * spread;
+    let is_near = improvement(losses(0.0), least) > SIGNIFICANT && inverse > 2.0 * sigma;
     LampDistance {
-        inverse: if is_near { inverse } else { 0.0 },
-        sigma: spread,
+        inverse: if is_near || known.is_some() {
+            inverse
+        } else {
+            0.0
+        },
+        sigma,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use penumbra_numerics::Random;
+
+    /// A ground of 90 by 60 points, 1 cm apart, in the light of `lamps` (position, power) and of a
+    /// uniform sky, with a ball on it that blocks light, and texture.
+    struct Table {
+        lamps: Vec<(DVec3, f32)>,
+        balls: Vec<(DVec3, f64)>,
+        texture: f32,
+    }
+
+    const WIDTH: usize = 90;
+    const OBSERVER: DVec3 = DVec3::new(-0.25, 0.1, 0.05);
+
+    fn blocked(balls: &[(DVec3, f64)], origin: DVec3, to: DVec3, farthest: f64) -> bool {
+        let direction = to.normalize();
+        balls.iter().any(|(centre, radius)| {
+            let along = (*centre - origin).dot(direction);
+            let apart = (*centre - origin - along * direction).length();
+            along > 0.0 && along < farthest * to.length() && apart < *radius
+        })
+    }
+
+    impl Table {
+        fn irradiance(&self, p: DVec3) -> f32 {
+            let by = |(lamp, power): &(DVec3, f32)| {
+                let to = *lamp - p;
+                let open = !blocked(&self.balls, p, to, 1.0);
+                power * f32::from(u8::from(open)) * (to.z / to.length().powi(3)) as f32
+            };
+            0.6 + self.lamps.iter().map(by).sum::<f32>()
+        }
+
+        fn seen(&self) -> SeenSurfaces {
+            let mut random = Random::new(7);
+            let point = |i: usize| {
+                let (x, y) = ((i % WIDTH) as f64, (i / WIDTH) as f64);
+                let position = DVec3::new(0.01 * x - 0.45, 0.01 * y - 0.3, 0.0);
+                let grain = (40.0 * position.x).sin() as f32 * self.texture;
+                let noise = 0.01 * random.normal() as f32;
+                let log = self.irradiance(position).ln() + grain + noise;
+                Some(SurfacePoint {
+                    position,
+                    normal: Vec3::Z,
+                    log_values: [log; 4],
+                    surface: 0,
+                })
+            };
+            SeenSurfaces {
+                width: WIDTH,
+                points: (0..WIDTH * 60).map(point).collect(),
+            }
+        }
+
+        fn sources(&self) -> Vec<CompactSource> {
+            let each = self.lamps.iter().zip(0..);
+            each.map(|((lamp, power), id)| {
+                let to = *lamp - OBSERVER;
+                CompactSource {
+                    id,
+                    direction: to.normalize().as_vec3(),
+                    irradiance: Vec3::splat(*power / to.length_squared() as f32),
+                    angular_radius: 0.01,
+                    inverse_distance: 0.0,
+                    clipped: 0.0,
+                    lights: 1,
+                }
+            })
+            .collect()
+        }
+    }
+
+    fn sky() -> Harmonics {
+        let mut sky = Harmonics::default();
+        sky.coefficients[0] = Vec3::splat(0.6);
+        sky
+    }
+
+    fn found(table: &Table, known: &[(DVec3, f64)]) -> Vec<LampDistance> {
+        let (seen, sources) = (table.seen(), table.sources());
+        let blocked = |o: DVec3, to: DVec3, farthest: f64| blocked(known, o, to, farthest);
+        let mut search = DistanceSearch::new(&seen, &sources, &sky(), OBSERVER, &blocked);
+        (0..sources.len())
+            .filter_map(|k| search.find(k, None))
+            .collect()
+    }
+
+    const BALLS: [(DVec3, f64); 2] = [
+        (DVec3::new(0.1, 0.05, 0.06), 0.05),
+        (DVec3::new(-0.1, -0.1, 0.04), 0.04),
+    ];
+
+    #[test]
+    fn the_distance_of_near_lamps_is_found_and_far_ones_stay_far() {
+        for (texture, tolerance) in [(0.0, 0.06), (0.1, 0.08)] {
+            let table = Table {
+                lamps: vec![
+                    (DVec3::new(0.3, -0.2, 0.5), 0.3),
+                    (DVec3::new(-0.2, 0.4, 0.8), 0.5),
+                    (DVec3::new(-300.0, 100.0, 400.0), 1e5),
+                ],
+                balls: BALLS.to_vec(),
+                texture,
+            };
+            let found = found(&table, &BALLS);
+            for ((lamp, _), found) in table.lamps.iter().zip(&found) {
+                let expected = lamp.distance(OBSERVER).recip() as f32;
+                let error = (found.inverse - expected).abs();
+                assert!(error < tolerance, "{lamp}: {found:?} for {expected}");
+            }
+        }
+    }
+
+    #[test]
+    fn without_known_shadows_the_fall_off_of_light_tells_and_foreign_shadows_do_not() {
+        let lamps = vec![(DVec3::new(0.3, -0.2, 0.5), 0.3)];
+        let mut table = Table {
+            lamps,
+            balls: BALLS.to_vec(),
+            texture: 0.1,
+        };
+        let expected = table.lamps[0].0.distance(OBSERVER).recip() as f32;
+        let by_fall_off = found(&table, &[])[0].inverse;
+        assert!(
+            (by_fall_off - expected).abs() < 0.15,
+            "{by_fall_off} for {expected}"
+        );
+        table.lamps[0] = (DVec3::new(300.0, -200.0, 500.0), 2e5);
+        table.balls.push((DVec3::new(0.25, -0.15, 0.05), 0.05));
+        assert_eq!(found(&table, &BALLS)[0].inverse, 0.0);
+    }
+
+    #[test]
+    fn the_depth_of_shadows_tells_how_bright_a_clipped_lamp_is() {
+        let table = Table {
+            lamps: vec![(DVec3::new(0.3, -0.2, 0.5), 0.3)],
+            balls: BALLS.to_vec(),
+            texture: 0.1,
+        };
+        let (seen, mut sources) = (table.seen(), table.sources());
+        let lost = Vec3::new(0.5, 0.4, 0.3);
+        sources[0].irradiance *= lost;
+        let blocked = |o: DVec3, to: DVec3, farthest: f64| blocked(&BALLS, o, to, farthest);
+        let mut search = DistanceSearch::new(&seen, &sources, &sky(), OBSERVER, &blocked);
+        search.find(0, None);
+        let mut factor = Vec3::ONE;
+        for _ in 0..3 {
+            factor *= search.find_factor(0, factor, true);
+        }
+        let error = (factor * lost - 1.0).abs().max_element();
+        assert!(error < 0.08, "{factor} for {}", lost.recip());
     }
 }

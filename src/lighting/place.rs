@@ -36,6 +36,7 @@ impl LightPlace {
     /// Returns the vector from `point` to a light in `direction` from the reference, in units of its
     /// distance from there.
     #[must_use]
+    #[inline(always)]
     pub fn towards(&self, direction: Vec3, point: Vec3) -> Vec3 {
         direction + (self.reference - point) * self.inverse_distance
     }
@@ -62,6 +63,7 @@ impl LightPlace {
 
     /// Whether the light is infinitely far.
     #[must_use]
+    #[inline(always)]
     pub fn is_far(&self) -> bool {
         self.inverse_distance == 0.0
     }
@@ -84,6 +86,7 @@ impl DomeLight {
     /// Returns the vector from `point` (world, metres) to the light, in units of its distance from
     /// the reference; a unit vector for distant lights.
     #[must_use]
+    #[inline(always)]
     pub fn towards(&self, point: Vec3) -> Vec3 {
         self.place.towards(self.direction, point)
     }
@@ -91,6 +94,7 @@ impl DomeLight {
     /// Returns the factor on its irradiance at `point` for a surface with unit normal `n`:
     /// inverse square law and cosine, 0 behind the surface.
     #[must_use]
+    #[inline(always)]
     pub fn facing(&self, point: Vec3, n: Vec3) -> f32 {
         if self.place.is_far() {
             return self.direction.dot(n).max(0.0);

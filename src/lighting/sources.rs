@@ -74,6 +74,24 @@ pub struct Source {
     pub flux: Vec3,
     /// Effective solid angle, steradians.
     pub solid_angle: f32,
+    /// Share of its light in samples that every exposure clips, 0..=1.
+    pub clipped: f32,
+}
+
+impl Source {
+    /// Notes which of its samples are `clipped`, ascending numbers.
+    pub(super) fn note_clipped(&mut self, clipped: &[u32]) {
+        let light = |(_, flux): &&(u32, Vec3)| flux.dot(LUMINANCE);
+        let is_clipped = |(i, _): &&(u32, Vec3)| clipped.binary_search(i).is_ok();
+        let all: f32 = self.parts.iter().map(|p| light(&p)).sum();
+        let lost: f32 = self
+            .parts
+            .iter()
+            .filter(is_clipped)
+            .map(|p| light(&p))
+            .sum();
+        self.clipped = lost / all.max(f32::MIN_POSITIVE);
+    }
 }
 
 /// Finds sources; reuses its buffers from frame to frame.
@@ -242,6 +260,7 @@ fn measure(
         direction: centre.try_normalize().unwrap_or(Vec3::Z),
         flux,
         solid_angle: sum * sum / squares.max(f32::MIN_POSITIVE),
+        clipped: 0.0,
     }
 }
 

@@ -28,6 +28,8 @@ pub(super) struct TrackedSource {
     pub solid_angle: f32,
     /// The reciprocal of its distance from the observer, 1/m; 0 if that is not known.
     pub inverse_distance: f32,
+    /// Share of its light in clipped pixels.
+    pub clipped: f32,
     /// Number of dome lights into which it is split; 0 = not planned yet.
     pub lights: usize,
     /// First tangent vector, transported with the source, so that the pattern of lights moves with
@@ -46,6 +48,7 @@ impl TrackedSource {
             flux: Vec3::ZERO,
             solid_angle: 0.0,
             inverse_distance: 0.0,
+            clipped: 0.0,
             lights: 0,
             axis: tangent_frame(source.direction).0,
             cuts: Vec::new(),
@@ -59,6 +62,7 @@ impl TrackedSource {
         self.direction = source.direction;
         self.flux = gains * source.flux;
         self.solid_angle = source.solid_angle;
+        self.clipped = source.clipped;
         let across = self.axis - self.direction * self.axis.dot(self.direction);
         self.axis = across
             .try_normalize()

@@ -43,6 +43,8 @@ pub struct RayCaster {
     bvh: Bvh,
     triangles: Vec<Triangle>,
     spheres: Vec<Sphere>,
+    /// World, metres; empty if there are more than [`FEW_PARTS`].
+    part_bounds: Vec<(DVec3, DVec3)>,
     /// By part.
     finishes: Vec<Finish>,
     ground: Option<Ground>,
@@ -120,8 +122,28 @@ impl RayCaster {
             .iter()
             .map(|(low, high)| low.abs().max(high.abs()).max_element())
             .fold(0.0, f64::max);
+        self.part_bounds = self.part_boxes(largest * MARGIN);
         let boxes = bounds.iter().map(|b| widened(*b, largest * MARGIN));
         self.bvh = Bvh::from_iter(BvhBuildStrategy::Binned, boxes.enumerate());
+    }
+
+    /// Boxes around the triangles of each part and around the spheres; none if there are many.
+    fn part_boxes(&self, margin: f64) -> Vec<(DVec3, DVec3)> {
+        let nothing = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+        let mut parts = vec![nothing; self.finishes.len()];
+        for triangle in &self.triangles {
+            let (low, high) = triangle.bounds();
+            if let Some(part) = parts.get_mut(triangle.surface as usize) {
+                *part = (part.0.min(low), part.1.max(high));
+            }
+        }
+        parts.retain(|(low, high)| low.cmple(*high).all());
+        parts.extend(self.spheres.iter().map(Sphere::bounds));
+        if parts.len() > FEW_PARTS {
+            return Vec::new();
+        }
+        let widened = |(low, high): (DVec3, DVec3)| (low - 2.0 * margin, high + 2.0 * margin);
+        parts.into_iter().map(widened).collect()
     }
 
     /// The stated diffuse reflectance of a surface that was hit.
@@ -174,6 +196,11 @@ impl RayCaster {
             return true;
         }
         let limit = farthest * ray.length;
+        // Few boxes tell of most rays that they meet nothing, faster than the tree does.
+        let mut boxes = self.part_bounds.iter();
+        if !self.part_bounds.is_empty() && !boxes.any(|b| ray.meets(b, limit)) {
+            return false;
+        }
         let blocked = self.bvh.find_best(
             rounded_up(limit),
             |node, _| ray.entry(node),
@@ -246,6 +273,8 @@ fn lie_at(triangles: &[Triangle], height: f64) -> bool {
 /// Boxes are widened by this share of the largest coordinate, so that no ray slips between
 /// two that touch.
 const MARGIN: f64 = 1e-6;
+/// Number of parts up to which each has a box that is looked at before the tree.
+const FEW_PARTS: usize = 12;
 
 fn widened((low, high): (DVec3, DVec3), margin: f64) -> Aabb {
     let vector = |v: DVec3| {
@@ -288,6 +317,16 @@ impl Ray {
             inverse: direction.map(safe).recip(),
             length,
         })
+    }
+
+    /// Whether the ray meets a box within `limit` metres.
+    fn meets(&self, (low, high): &(DVec3, DVec3), limit: f64) -> bool {
+        let (a, b) = (
+            (*low - self.origin) * self.inverse,
+            (*high - self.origin) * self.inverse,
+        );
+        let near = a.min(b).max_element().max(0.0);
+        near <= limit && near <= a.max(b).min_element() * (1.0 + 8.0 * f64::EPSILON)
     }
 
     /// Metres to where the ray enters a node's box, rounded down; `f32::MAX` where it misses

@@ -22,13 +22,33 @@ const DARKEST: f32 = 0.004;
 const BRIGHTEST_CODE: u8 = 250;
 /// Environment pictures between two looks at the shadows.
 const INTERVAL: u32 = 6;
+/// Looks after which the distance of a lamp that was far is searched again.
+const SEARCH_AGAIN: u32 = 5;
 /// Number of lamps whose distances are searched, the strongest.
 const LAMPS: usize = 4;
 /// Share of a new estimate in the distance of a lamp that is followed.
 const SHARE: f32 = 0.3;
+/// Share of a lamp's light in clipped pixels from which its energy is estimated.
+const CLIPPED: f32 = 0.2;
+/// Rounds over all clipped lamps, at first.
+const ROUNDS: usize = 3;
+/// Factor on a lamp's light that makes the light another.
+const MUCH: f32 = 1.2;
 /// Angle between a stated light and a source, radians, in addition to the source's radius, up to
 /// which they are the same.
 const STATED_WITHIN: f32 = 0.15;
+
+/// What is known of a lamp that is followed.
+#[derive(Clone, Copy, Debug)]
+struct Known {
+    id: u32,
+    /// Unit vector from the observer.
+    direction: Vec3,
+    /// The reciprocal of its distance from the observer, 1/m; 0 if it may be far.
+    inverse_distance: f32,
+    /// Factor on its clipped pixels, RGB.
+    factor: Vec3,
+}
 
 /// Finds the places of lamps, and follows them.
 pub(crate) struct LampPlaces {
@@ -39,10 +59,11 @@ pub(crate) struct LampPlaces {
     /// World positions, metres.
     stated: Vec<DVec3>,
     is_estimated: bool,
-    /// Distances of the lamps that are followed, as reciprocals, by their ids.
-    known: Vec<(u32, f32)>,
+    known: Vec<Known>,
     /// Pictures until the next look.
     rests: u32,
+    /// Number of looks.
+    looks: u32,
     surfaces: SeenSurfaces,
 }
 
@@ -66,6 +87,7 @@ impl LampPlaces {
             is_estimated: settings.light_places == LightPlaces::Estimate,
             known: Vec::new(),
             rests: 0,
+            looks: 0,
             surfaces: SeenSurfaces::default(),
         }
     }
@@ -88,20 +110,53 @@ impl LampPlaces {
             return false;
         };
         let sources = estimator.sources();
-        self.known
-            .retain(|(id, _)| sources.iter().any(|s| s.id == *id));
-        let is_new = |s: &CompactSource| self.known.iter().all(|(id, _)| *id != s.id);
+        self.follow(&sources);
+        let mut gained = self.place_stated(&sources, observer);
+        gained |= self.estimate(scene, lighting, (&sources, observer));
+        let known = self.known.iter();
+        let distances: Vec<(u32, f32)> = known.map(|k| (k.id, k.inverse_distance)).collect();
+        estimator.set_distances(&distances);
+        estimator.set_clipped_factors(self.known.iter().map(|k| (k.direction, k.factor)));
+        gained
+    }
+
+    /// Takes over the directions of lamps that are followed, and forgets the others.
+    fn follow(&mut self, sources: &[CompactSource]) {
+        self.known.retain_mut(|known| {
+            let source = sources.iter().find(|s| s.id == known.id);
+            known.direction = source.map_or(known.direction, |s| s.direction);
+            source.is_some()
+        });
+    }
+
+    /// Gives new lamps the places that are stated; true if there are any.
+    fn place_stated(&mut self, sources: &[CompactSource], observer: DVec3) -> bool {
         let mut gained = false;
-        let new: Vec<CompactSource> = sources.iter().copied().filter(is_new).collect();
-        for source in new {
-            if let Some(inverse) = self.stated_distance(&source, observer) {
-                self.known.push((source.id, inverse));
+        for source in sources {
+            let stated = self.stated_distance(source, observer);
+            if let Some(inverse) = stated.filter(|_| self.known(source.id).is_none()) {
+                self.note(source, inverse, Vec3::ONE);
                 gained = true;
             }
         }
-        gained |= self.estimate(scene, lighting, (&sources, observer));
-        estimator.set_distances(&self.known);
         gained
+    }
+
+    fn known(&self, id: u32) -> Option<&Known> {
+        self.known.iter().find(|k| k.id == id)
+    }
+
+    fn note(&mut self, source: &CompactSource, inverse_distance: f32, factor: Vec3) {
+        let now = Known {
+            id: source.id,
+            direction: source.direction,
+            inverse_distance,
+            factor,
+        };
+        match self.known.iter_mut().find(|k| k.id == source.id) {
+            Some(known) => *known = now,
+            None => self.known.push(now),
+        }
     }
 
     /// The reciprocal of the distance of a stated light in the direction of a source.
@@ -116,11 +171,9 @@ impl LampPlaces {
         is_same.then(|| towards(nearest).length().max(0.05).recip())
     }
 
-    fn known_distance(&self, id: u32) -> Option<f32> {
-        let mut known = self.known.iter();
-        known
-            .find(|(known, _)| *known == id)
-            .map(|(_, inverse)| *inverse)
+    /// Whether lamps that were far are searched again in this look.
+    fn is_late(&self) -> bool {
+        self.looks.is_multiple_of(SEARCH_AGAIN)
     }
 
     fn is_stated(&self, source: &CompactSource, observer: DVec3) -> bool {
@@ -139,46 +192,88 @@ impl LampPlaces {
         };
         let fits =
             (scene.picture.width, scene.picture.height) == (self.camera.width, self.camera.height);
-        let is_known = |s: &&CompactSource| self.known.iter().any(|(id, _)| *id == s.id);
-        let any_new = sources.iter().take(LAMPS).any(|s| !is_known(&s));
+        let any_new = sources
+            .iter()
+            .take(LAMPS)
+            .any(|s| self.known(s.id).is_none());
         if !fits || (!any_new && self.rests > 0) {
             self.rests = self.rests.saturating_sub(1);
             return false;
         }
         self.rests = INTERVAL;
+        self.looks += 1;
         self.see(scene, pose);
         let mut lamps = sources.to_vec();
         for lamp in &mut lamps {
-            lamp.inverse_distance = self.known_distance(lamp.id).unwrap_or(0.0);
+            lamp.inverse_distance = self.known(lamp.id).map_or(0.0, |k| k.inverse_distance);
         }
         let rays = Arc::clone(&self.rays);
+        let surfaces = std::mem::take(&mut self.surfaces);
         let blocked =
             |origin: DVec3, to: DVec3, farthest: f64| rays.is_blocked(origin, to, farthest);
-        let mut search = DistanceSearch::new(
-            &self.surfaces,
-            &lamps,
-            &lighting.irradiance,
-            observer,
-            &blocked,
-        );
+        let mut search =
+            DistanceSearch::new(&surfaces, &lamps, &lighting.irradiance, observer, &blocked);
         let mut gained = false;
         for (k, lamp) in lamps.iter().enumerate().take(LAMPS) {
-            if self.is_stated(lamp, observer) {
-                continue;
-            }
-            let before = self.known_distance(lamp.id);
-            let found = search.find(k, before.is_none_or(|inverse| inverse == 0.0));
-            let inverse = found.map_or(0.0, |found| found.inverse);
-            if std::env::var("DBG").is_ok() {
-                eprintln!(
-                    "lamp {} dir {:?} flux {:?} r {} before {before:?} found {found:?}",
-                    lamp.id, lamp.direction, lamp.irradiance, lamp.angular_radius
+            let before = self.known(lamp.id).copied();
+            let known = before.map_or(0.0, |k| k.inverse_distance);
+            let inverse = if self.is_stated(lamp, observer) {
+                known
+            } else {
+                let again = before.is_some_and(|k| k.inverse_distance == 0.0) && !self.is_late();
+                let near = (known > 0.0).then_some(known);
+                let found = if again { None } else { search.find(k, near) };
+                found.map_or(known, |found| found.inverse)
+            };
+            gained |= known == 0.0 && inverse > 0.0;
+            let is_followed = known > 0.0 && inverse > 0.0;
+            let share = if is_followed { SHARE } else { 1.0 };
+            self.note(
+                lamp,
+                known + (inverse - known) * share,
+                before.map_or(Vec3::ONE, |k| k.factor),
+            );
+        }
+        gained |= self.estimate_factors(&mut search, &lamps);
+        self.surfaces = surfaces;
+        gained
+    }
+
+    /// Estimates the factors on clipped lamps; true if one has changed much.
+    fn estimate_factors(
+        &mut self,
+        search: &mut DistanceSearch<'_>,
+        lamps: &[CompactSource],
+    ) -> bool {
+        let clipped = |lamp: &CompactSource| lamp.clipped > CLIPPED;
+        let mut gained = false;
+        // One lamp's light changes what the shadows of the others tell.
+        let is_known =
+            |lamp: &&CompactSource| self.known(lamp.id).is_some_and(|k| k.factor != Vec3::ONE);
+        let all_known = lamps
+            .iter()
+            .take(LAMPS)
+            .filter(|l| clipped(l))
+            .all(|l| is_known(&l));
+        let rounds = if all_known { 1 } else { ROUNDS };
+        for _ in 0..rounds {
+            for (k, lamp) in lamps
+                .iter()
+                .enumerate()
+                .take(LAMPS)
+                .filter(|(_, l)| clipped(l))
+            {
+                let known = self.known(lamp.id).copied();
+                let before = known.map_or(Vec3::ONE, |k| k.factor);
+                let found = search.find_factor(k, before, rounds == ROUNDS);
+                let share = if rounds == ROUNDS { 1.0 } else { SHARE };
+                let factor = found.powf(share);
+                gained |= factor.max_element() > MUCH || factor.min_element() < MUCH.recip();
+                self.note(
+                    lamp,
+                    known.map_or(0.0, |k| k.inverse_distance),
+                    before * factor,
                 );
-            }
-            gained |= before.unwrap_or(0.0) == 0.0 && inverse > 0.0;
-            match self.known.iter_mut().find(|(id, _)| *id == lamp.id) {
-                Some((_, old)) => *old += (inverse - *old) * SHARE,
-                None => self.known.push((lamp.id, inverse)),
             }
         }
         gained
@@ -228,23 +323,25 @@ impl LampPlaces {
             .rays
             .nearest(pose.translation, ray)
             .filter(|hit| !hit.mirror)?;
-        let (mut sum, mut count) = (0.0, 0.0);
+        let (mut sum, mut count) = (Vec3::ZERO, 0.0);
         for v in y.saturating_sub(AROUND)..=y + AROUND {
             for u in x.saturating_sub(AROUND)..=x + AROUND {
                 let codes = scene.picture.rgb(u, v);
                 if codes.iter().any(|code| *code >= BRIGHTEST_CODE) {
                     return None;
                 }
-                sum += Vec3::from(self.response.linear_from_rgb(codes)).dot(LUMINANCE);
+                sum += Vec3::from(self.response.linear_from_rgb(codes));
                 count += 1.0;
             }
         }
         let vignetting = self.vignetting.map_or(1.0, |v| v.at(pixel) as f32);
-        let luminance: f32 = sum / count / vignetting;
+        let linear = sum / (count * vignetting);
+        let luminance = linear.dot(LUMINANCE);
+        let log = |value: f32| value.max(0.1 * DARKEST).ln();
         (luminance > DARKEST).then(|| SurfacePoint {
             position: hit.point,
             normal: hit.normal.as_vec3(),
-            log_luminance: luminance.ln(),
+            log_values: [linear.x, linear.y, linear.z, luminance].map(log),
             surface: hit.surface,
         })
     }
