@@ -102,6 +102,33 @@ fn rig_toml_names_every_key() {
 }
 
 #[test]
+fn lamps_with_a_place_are_read_and_checked() {
+    let text =
+        "[[room_light]]\nposition = [0.4, -0.1, 0.6]\n[[room_light]]\nposition = [0, 1, 2]\n";
+    let config = Config::from_text(text, "").unwrap();
+    let expected = vec![[0.4, -0.1, 0.6], [0.0, 1.0, 2.0]];
+    assert_eq!(config.environment.room_lights, expected);
+    for (wrong, part) in [
+        (
+            "[[room_light]]\nposition = [0.4, nan, 0.6]\n",
+            "room_light[0].position",
+        ),
+        (
+            "[[room_light]]\nposition = [0.4, 2e4, 0.6]\n",
+            "metres from -1000 to 1000",
+        ),
+        ("[[room_light]]\nposition = [0.4]\n", "position"),
+        ("[[room_light]]\n", "position"),
+        ("[environment]\nlight_places = \"near\"\n", "light_places"),
+    ] {
+        let error = complaint(wrong);
+        assert!(error.contains(part), "{error}");
+    }
+    let many = "[[room_light]]\nposition = [0, 0, 1]\n".repeat(17);
+    assert!(complaint(&many).contains("at most 16 lamps"));
+}
+
+#[test]
 fn reads_the_bundled_configurations() {
     for name in [
         "replay.toml",

@@ -8,7 +8,7 @@ use super::light::{DomeLight, LightKind};
 use super::place::{LightPlace, Viewpoints};
 use super::sources::{LUMINANCE, Source};
 use super::tracking::{SourceTracker, above_horizon};
-use glam::{Mat3, Vec3};
+use glam::{DVec3, Mat3, Vec3};
 
 /// Part of its radius by which a light must move before its direction changes: the shadow's blur
 /// hides smaller movements, and the shadow map stays valid.
@@ -34,6 +34,8 @@ pub struct CompactSource {
     pub angular_radius: f32,
     /// The reciprocal of its distance from the observer, 1/m; 0 if it is far or not known.
     pub inverse_distance: f32,
+    /// Where it is, world, metres, if it is known to be near.
+    pub position: Option<DVec3>,
     /// Share of its light in pixels that every exposure clips, 0..=1: so much is uncertain.
     pub clipped: f32,
     /// Number of dome lights that represent it.
@@ -135,6 +137,7 @@ impl AdaptiveDome {
                 irradiance: s.flux,
                 angular_radius: s.radius(),
                 inverse_distance: s.inverse_distance,
+                position: None,
                 clipped: s.clipped,
                 lights: s.lights,
             })

@@ -483,6 +483,7 @@ mod tests {
                     irradiance: Vec3::splat(*power / to.length_squared() as f32),
                     angular_radius: 0.01,
                     inverse_distance: 0.0,
+                    position: None,
                     clipped: 0.0,
                     lights: 1,
                 }

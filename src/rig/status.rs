@@ -14,10 +14,11 @@ use penumbra_compositor::exposure::ActiveExposure;
 use penumbra_config::Quality;
 use penumbra_interface::DeviceKind;
 use penumbra_lighting::BrightestLight;
+use penumbra_lighting::adaptive::CompactSource;
 use penumbra_status::planes::PlanesStatus;
 use penumbra_status::snapshot::{
-    Adapter, Device, DeviceState, ExposureStatus, PoseAnswer, SessionState, WhiteBalance,
-    WhiteBalanceEstimate, WhiteBalanceMethod, WhiteMatch,
+    Adapter, Device, DeviceState, ExposureStatus, LampStatus, PoseAnswer, SessionState,
+    WhiteBalance, WhiteBalanceEstimate, WhiteBalanceMethod, WhiteMatch,
 };
 use penumbra_status::{SceneStatus, Settings, SharedStatus, Snapshot, StageTimes};
 use penumbra_sync as sync;
@@ -191,6 +192,17 @@ pub(super) fn pose_answer(pose: Option<&sync::PoseAt>) -> PoseAnswer {
     }
 }
 
+fn lamp(source: &CompactSource) -> LampStatus {
+    LampStatus {
+        direction: source.direction.as_dvec3().to_array(),
+        position: source.position.map(|p| p.to_array()),
+        distance_m: source
+            .position
+            .map(|_| f64::from(source.inverse_distance).recip()),
+        clipped: f64::from(source.clipped.clamp(0.0, 1.0)),
+    }
+}
+
 fn lighting(s: &mut Snapshot, p: &Published<'_>) {
     let LightState {
         lighting,
@@ -203,6 +215,7 @@ fn lighting(s: &mut Snapshot, p: &Published<'_>) {
     let (dome_lights, compact_lights) = p.prepared.light.count();
     (s.lighting.dome_lights, s.lighting.compact_lights) = (dome_lights, compact_lights);
     s.lighting.compact_sources = sources.len() as u32;
+    s.lighting.lamps = sources.iter().map(lamp).collect();
     s.lighting.clipped_fraction = Some(f64::from(clipped.max(0.0)));
     let Some(lighting) = lighting else { return };
     let age = p

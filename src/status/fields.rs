@@ -251,6 +251,22 @@ pub const STATUS_FIELDS: &[(&str, &str)] = &[
         "Number of compact sources detected: sun, lamps, windows.",
     ),
     (
+        "lighting.lamps[].direction[]",
+        "Unit vector from the environment camera towards a compact source, world, +Z up; strongest first.",
+    ),
+    (
+        "lighting.lamps[].position[]",
+        "Where it is, world, metres; null if it counts as infinitely far.",
+    ),
+    (
+        "lighting.lamps[].distance_m",
+        "Its distance from the environment camera, metres; null if it counts as infinitely far.",
+    ),
+    (
+        "lighting.lamps[].clipped",
+        "Share of its light in pixels that every exposure clips, 0 to 1: so much is an estimate from the depth of real shadows.",
+    ),
+    (
         "lighting.age_ms",
         "Age of the environment picture relative to the scene picture, ms; null before the first.",
     ),
@@ -599,7 +615,9 @@ pub const STATUS_FIELDS: &[(&str, &str)] = &[
 mod tests {
     use super::*;
     use crate::Snapshot;
-    use crate::snapshot::{Control, Device, WhiteBalanceEstimate, WhiteBalanceMethod, WhiteMatch};
+    use crate::snapshot::{
+        Control, Device, LampStatus, WhiteBalanceEstimate, WhiteBalanceMethod, WhiteMatch,
+    };
     use penumbra_interface::DeviceKind;
     use serde_json::Value;
     use std::collections::BTreeSet;
@@ -619,6 +637,10 @@ mod tests {
         s.lighting.probe = Some(crate::ProbeStatus::default());
         s.registration.display = Some(crate::DisplayStatus::default());
         s.lighting.dominant_direction = Some([0.0, 0.0, 1.0]);
+        s.lighting.lamps = vec![LampStatus {
+            position: Some([0.0; 3]),
+            ..LampStatus::default()
+        }];
         let (method, rgb) = (WhiteBalanceMethod::Chart, [1.0; 3]);
         let b = &mut s.white_balance;
         b.uncertainty = Some(rgb);

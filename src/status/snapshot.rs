@@ -366,6 +366,8 @@ pub struct LightingStatus {
     pub compact_lights: u32,
     /// Number of compact sources detected: sun, lamps, windows.
     pub compact_sources: u32,
+    /// These sources, strongest first.
+    pub lamps: Vec<LampStatus>,
     /// Age of the environment picture relative to the scene picture, milliseconds.
     pub age_ms: Option<f64>,
     /// Why the lighting is stale; `None` if it is not.
@@ -381,6 +383,19 @@ pub struct LightingStatus {
     pub probe: Option<ProbeStatus>,
     /// Number of previews of the environment; 0 = none at `/environment.png` yet.
     pub preview_revision: u64,
+}
+
+/// A compact source.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct LampStatus {
+    /// Unit vector from the environment camera towards it, world (+Z up).
+    pub direction: [f64; 3],
+    /// Where it is, world, metres; `None` if it counts as infinitely far.
+    pub position: Option<[f64; 3]>,
+    /// Its distance from the environment camera, metres; `None` likewise.
+    pub distance_m: Option<f64>,
+    /// Share of its light in pixels that every exposure clips, 0..=1.
+    pub clipped: f64,
 }
 
 /// Exposure of the output.

@@ -42,6 +42,12 @@ impl EnvironmentEstimator {
             return Vec::new();
         };
         let mut sources = dome.sources();
+        if let Some(observer) = self.observer() {
+            for source in sources.iter_mut().filter(|s| s.inverse_distance > 0.0) {
+                let to = source.direction.as_dvec3() / f64::from(source.inverse_distance);
+                source.position = Some(observer + to);
+            }
+        }
         let strength = |s: &CompactSource| s.irradiance.dot(LUMINANCE);
         sources.sort_by(|a, b| strength(b).total_cmp(&strength(a)));
         sources

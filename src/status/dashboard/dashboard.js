@@ -138,6 +138,11 @@ function deviceItem([name, kind, state, reason, identity, mode, notes, controls]
 let shownRevision = 0;
 let shownAt = -Infinity;
 
+function distances(lamps) {
+  const each = lamps.map((lamp) => (lamp.distance_m === null ? 'far' : `${lamp.distance_m.toFixed(2)} m`));
+  return each.join(', ') || '–';
+}
+
 function environment(s) {
   const l = s.lighting;
   flag($('light-flag'), l.stale ? `old light: ${l.stale}` : '');
@@ -145,6 +150,7 @@ function environment(s) {
     ['dome lights', whole(l.dome_lights)],
     ['lights of compact sources', whole(l.compact_lights)],
     ['compact sources', whole(l.compact_sources)],
+    ['their distances', distances(l.lamps)],
     ['age of the light', age(l.age_ms)],
     ['clipped', percent(l.clipped_fraction, 2)],
     ['dominant light, elevation', elevation(l.dominant_direction)],
