@@ -83,13 +83,10 @@ impl Source {
     pub(super) fn note_clipped(&mut self, clipped: &[u32]) {
         let light = |(_, flux): &&(u32, Vec3)| flux.dot(LUMINANCE);
         let is_clipped = |(i, _): &&(u32, Vec3)| clipped.binary_search(i).is_ok();
-        let all: f32 = self.parts.iter().map(|p| light(&p)).sum();
-        let lost: f32 = self
-            .parts
-            .iter()
-            .filter(is_clipped)
-            .map(|p| light(&p))
-            .sum();
+        // An empty sum would be −0.
+        let sum = |sum: f32, p: &(u32, Vec3)| sum + light(&p);
+        let all = self.parts.iter().fold(0.0, sum);
+        let lost = self.parts.iter().filter(is_clipped).fold(0.0, sum);
         self.clipped = lost / all.max(f32::MIN_POSITIVE);
     }
 }
