@@ -28,6 +28,7 @@
 //! | `settings`, `frame_input`, `frame_view`, `frame_uniform` | the input of a frame |
 //! | `passes`, `pipelines`, `sized_resources` | the passes and their pictures |
 //! | `lens`, [`exposure`], [`planes`], [`look`], `reproject` | stages: groups of passes that run as one step |
+//! | `reflections` | what glossy surfaces mirror of their neighbourhood, traced by the processor |
 //! | `compositor`, `prepare`, `frame` | the state kept between frames; uploads; the passes in order |
 //! | [`readback`] | the finished picture in memory |
 //! | [`mod@reference`] | the same picture computed on the CPU, for tests |
@@ -64,6 +65,7 @@ mod prepare;
 pub mod readback;
 mod recorder;
 pub mod reference;
+mod reflections;
 mod reproject;
 pub mod requirements;
 mod response_table;

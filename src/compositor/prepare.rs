@@ -13,6 +13,7 @@ use super::look::LookFit;
 use super::moving::upload;
 use super::passes::exposure::ExposedPictures;
 use super::pipelines::Pipelines;
+use super::reflections::ReflectionTiles;
 use super::reproject::ReprojectStage;
 use super::shaders::Variant;
 use super::sized_resources::SizedResources;
@@ -85,6 +86,7 @@ impl Compositor {
             if let Some(light) = &mut self.surface_light {
                 light.place(part.index, world);
             }
+            self.reflections.place(part.index, world);
             if let Some(corners) = part.placed_corners() {
                 self.cover.set_box(part.index, corners);
                 if let Some(drawn) = self.scene.virtual_parts.get_mut(part.index) {
@@ -140,6 +142,7 @@ impl Compositor {
             phong: known.phong || self.scene.has_phong,
             rolling_shutter: known.rolling_shutter || input.rolling_shutter.is_some(),
             vignetting: known.vignetting || input.vignetting.is_some(),
+            nearby: known.nearby.max(self.reflections.step()),
             ..known
         };
         if variant == known {
@@ -252,6 +255,16 @@ impl Compositor {
         self.scene.emitters.place(&self.gpu.queue, lamps);
         plan.covered = self.upload_cover(input, view, augmented && input.lighting.is_some());
         plan.cleared = self.cover.rectangle_to_clear();
+        if has_virtual {
+            let tiles = ReflectionTiles {
+                covered: self.cover.tiles(),
+                across: view.size.0.div_ceil(TILE),
+                rectangle: plan.covered,
+            };
+            let queue = &self.gpu.queue;
+            self.reflections
+                .update(queue, (input, view), &self.response, tiles);
+        }
         let stage = self.planes.as_mut().filter(|_| by_planes);
         let cache = (&self.gpu.queue, self.surface_light.as_ref());
         let lights = stage.map_or(lights, |s| s.shade(input, &mut uniform, lights, cache));

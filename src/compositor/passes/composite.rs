@@ -37,6 +37,8 @@ pub struct CompositeInputs<'a> {
     pub surroundings: &'a SurroundingsPictures,
     /// The environment as virtual objects reflect it.
     pub gloss: &'a GlossMaps,
+    /// What glossy surfaces mirror of their neighbourhood.
+    pub nearby: &'a FrameTexture,
 }
 
 impl CompositePass {
@@ -50,7 +52,15 @@ impl CompositePass {
         let slots = &slots[..if variant.cached { 4 } else { 3 }];
         let surfaces = CachedGroup::from_slots(device, "composite surfaces", slots);
         let (texture, cube) = (Slot::Texture, Slot::Cube);
-        let slots = [Slot::Sampler, cube, texture, texture, cube, Slot::Uniform];
+        let slots = [
+            Slot::Sampler,
+            cube,
+            texture,
+            texture,
+            cube,
+            Slot::Uniform,
+            i,
+        ];
         let light = CachedGroup::from_slots(device, "composite light", &slots);
         let build = |vertex: &str, fragment: &str, compare, write| {
             PipelineSpec {
@@ -167,6 +177,7 @@ impl CompositePass {
             view(&gloss.table),
             view(&gloss.phong.view),
             gloss.compact_sources.as_entire_binding(),
+            view(&inputs.nearby.view),
         ];
         [
             self.picture.get(device, &picture).clone(),
