@@ -1,9 +1,10 @@
 //! A bounding-volume hierarchy over triangles that eight rays traverse together.
 //!
 //! Boxes are divided by the surface-area heuristic over bins (Wald 2007). Loops over the lanes of a
-//! packet become vector instructions where a caller compiles them for those.
+//! packet become vector instructions.
 
 use glam::Vec3;
+use pulp::Simd;
 
 /// Rays of a packet.
 pub const LANES: usize = 8;
@@ -33,8 +34,8 @@ pub struct Rays {
 pub struct Hits {
     /// In lengths of the direction; before the traversal the farthest distance of interest.
     pub distance: Lanes,
-    /// Number of the triangle in the order of [`Bvh::new`]; [`NOTHING`] for none.
-    pub triangle: [u32; LANES],
+    /// The bits of [`Self::triangle`].
+    number: Lanes,
     /// Barycentric coordinates of the second and third corner.
     pub u: Lanes,
     pub v: Lanes,
@@ -45,14 +46,23 @@ pub const NOTHING: u32 = u32::MAX;
 
 impl Hits {
     /// Nothing yet; `farthest` is negative for rays without interest.
-    #[inline(always)]
     pub const fn within(farthest: Lanes) -> Self {
         Self {
             distance: farthest,
-            triangle: [NOTHING; LANES],
+            number: [f32::from_bits(NOTHING); LANES],
             u: [0.0; LANES],
             v: [0.0; LANES],
         }
+    }
+
+    /// Number of the triangle in the order of [`Bvh::new`]; [`NOTHING`] for none.
+    pub const fn triangle(&self, lane: usize) -> u32 {
+        self.number[lane].to_bits()
+    }
+
+    /// Forgets the triangles, but not how near they were.
+    pub const fn forget(&mut self) {
+        self.number = [f32::from_bits(NOTHING); LANES];
     }
 }
 
@@ -107,37 +117,39 @@ impl Bvh {
     }
 
     /// Finds the nearest triangle of each ray, nearer than what `hits` already has.
-    #[inline(always)]
     pub fn nearest(&self, rays: &Rays, hits: &mut Hits) {
-        if self.nodes.is_empty() {
-            return;
+        if !self.nodes.is_empty() {
+            let bvh = self;
+            pulp::Arch::new().dispatch(Traversal { bvh, rays, hits });
         }
-        let inverse = rays.direction.map(|axis| axis.map(reciprocal));
+    }
+
+    #[inline(always)]
+    fn traverse<S: Simd>(&self, simd: S, rays: &Rays, hits: &mut Hits) {
+        let inverse = inverse(simd, rays);
         let mut stack = [(0, 0.0); STACK];
         let mut waiting = 1;
         while waiting > 0 {
             waiting -= 1;
             let (number, entry) = stack[waiting];
-            if entry > farthest(&hits.distance) {
+            if entry > farthest(simd, &hits.distance) {
                 continue;
             }
             let node = &self.nodes[number as usize];
             let first = node.first as usize;
             if node.count > 0 {
                 for triangle in &self.triangles[first..first + node.count as usize] {
-                    triangle.cross(rays, hits);
+                    triangle.cross(simd, rays, hits);
                 }
                 continue;
             }
-            let children = [first as u32, first as u32 + 1].map(|child| {
-                let node = &self.nodes[child as usize];
-                (child, node.entry(&rays.origin, &inverse, &hits.distance))
-            });
-            let [near, far] = if children[0].1 <= children[1].1 {
-                children
-            } else {
-                [children[1], children[0]]
-            };
+            let [left, right] = [&self.nodes[first], &self.nodes[first + 1]];
+            let left = left.entry(simd, &rays.origin, &inverse, &hits.distance);
+            let right = right.entry(simd, &rays.origin, &inverse, &hits.distance);
+            let (left, right) = ((node.first, left), (node.first + 1, right));
+            let is_left_nearer = left.1 <= right.1;
+            let near = if is_left_nearer { left } else { right };
+            let far = if is_left_nearer { right } else { left };
             // The nearer one is taken first.
             for child in [far, near] {
                 if child.1 < f32::INFINITY && waiting < STACK {
@@ -149,30 +161,88 @@ impl Bvh {
     }
 }
 
-/// The reciprocal, finite even for 0.
-#[inline(always)]
-fn reciprocal(x: f32) -> f32 {
-    1.0 / if x.abs() < 1e-12 {
-        1e-12_f32.copysign(x)
-    } else {
-        x
+/// A traversal with the instructions that the processor has.
+struct Traversal<'a> {
+    bvh: &'a Bvh,
+    rays: &'a Rays,
+    hits: &'a mut Hits,
+}
+
+impl pulp::WithSimd for Traversal<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        self.bvh.traverse(simd, self.rays, self.hits);
     }
 }
 
-/// `f32::min` and `max` take more instructions, because they treat NaN.
+/// Directions shorter than this along an axis are taken for this long: their reciprocals are finite.
+const LEAST: f32 = 1e-12;
+
+/// Reciprocals of the directions.
 #[inline(always)]
-const fn least(a: f32, b: f32) -> f32 {
-    if a < b { a } else { b }
+fn inverse<S: Simd>(simd: S, rays: &Rays) -> Lanes3 {
+    let mut inverse = rays.direction;
+    let (least, one) = (simd.splat_f32s(LEAST), simd.splat_f32s(1.0));
+    for axis in &mut inverse {
+        for at in (0..LANES).step_by(S::F32_LANES) {
+            let x = load(simd, axis, at);
+            let is_long = simd.less_than_or_equal_f32s(least, simd.abs_f32s(x));
+            let x = simd.select_f32s(is_long, x, least);
+            store(simd, axis, at, simd.div_f32s(one, x));
+        }
+    }
+    inverse
+}
+
+/// The register of the lanes from `at` on.
+#[inline(always)]
+fn load<S: Simd>(_: S, lanes: &Lanes, at: usize) -> S::f32s {
+    S::as_simd_f32s(&lanes[at..at + S::F32_LANES]).0[0]
 }
 
 #[inline(always)]
-const fn most(a: f32, b: f32) -> f32 {
-    if a > b { a } else { b }
+fn load3<S: Simd>(simd: S, [x, y, z]: &Lanes3, at: usize) -> [S::f32s; 3] {
+    [load(simd, x, at), load(simd, y, at), load(simd, z, at)]
 }
 
 #[inline(always)]
-fn farthest(distance: &Lanes) -> f32 {
-    distance.iter().fold(-1.0, |far, d| most(far, *d))
+fn store<S: Simd>(_: S, lanes: &mut Lanes, at: usize, value: S::f32s) {
+    S::as_mut_simd_f32s(&mut lanes[at..at + S::F32_LANES]).0[0] = value;
+}
+
+#[inline(always)]
+fn splat3<S: Simd>(simd: S, v: Vec3) -> [S::f32s; 3] {
+    [
+        simd.splat_f32s(v.x),
+        simd.splat_f32s(v.y),
+        simd.splat_f32s(v.z),
+    ]
+}
+
+#[inline(always)]
+fn dot<S: Simd>(simd: S, a: [S::f32s; 3], b: [S::f32s; 3]) -> S::f32s {
+    let sum = simd.add_f32s(simd.mul_f32s(a[0], b[0]), simd.mul_f32s(a[1], b[1]));
+    simd.add_f32s(sum, simd.mul_f32s(a[2], b[2]))
+}
+
+#[inline(always)]
+fn cross<S: Simd>(simd: S, a: [S::f32s; 3], b: [S::f32s; 3]) -> [S::f32s; 3] {
+    [
+        simd.sub_f32s(simd.mul_f32s(a[1], b[2]), simd.mul_f32s(a[2], b[1])),
+        simd.sub_f32s(simd.mul_f32s(a[2], b[0]), simd.mul_f32s(a[0], b[2])),
+        simd.sub_f32s(simd.mul_f32s(a[0], b[1]), simd.mul_f32s(a[1], b[0])),
+    ]
+}
+
+#[inline(always)]
+fn farthest<S: Simd>(simd: S, distance: &Lanes) -> f32 {
+    let mut far = load(simd, distance, 0);
+    for at in (S::F32_LANES..LANES).step_by(S::F32_LANES) {
+        far = simd.max_f32s(far, load(simd, distance, at));
+    }
+    simd.reduce_max_f32s(far)
 }
 
 impl Node {
@@ -188,68 +258,71 @@ impl Node {
 
     /// Distance at which the first ray enters the box; infinite if none does before `farthest`.
     #[inline(always)]
-    fn entry(&self, origin: &Lanes3, inverse: &Lanes3, farthest: &Lanes) -> f32 {
-        let mut near = [0.0; LANES];
-        let mut far = *farthest;
-        for axis in 0..3 {
-            let (low, high) = (self.low[axis], self.high[axis]);
-            for i in 0..LANES {
-                let a = (low - origin[axis][i]) * inverse[axis][i];
-                let b = (high - origin[axis][i]) * inverse[axis][i];
-                near[i] = most(near[i], least(a, b));
-                far[i] = least(far[i], most(a, b));
+    fn entry<S: Simd>(&self, simd: S, origin: &Lanes3, inverse: &Lanes3, farthest: &Lanes) -> f32 {
+        let (low, high) = (splat3(simd, self.low), splat3(simd, self.high));
+        let never = simd.splat_f32s(f32::INFINITY);
+        let mut first = never;
+        for at in (0..LANES).step_by(S::F32_LANES) {
+            let mut near = simd.splat_f32s(0.0);
+            let mut far = load(simd, farthest, at);
+            for axis in 0..3 {
+                let origin = load(simd, &origin[axis], at);
+                let inverse = load(simd, &inverse[axis], at);
+                let a = simd.mul_f32s(simd.sub_f32s(low[axis], origin), inverse);
+                let b = simd.mul_f32s(simd.sub_f32s(high[axis], origin), inverse);
+                near = simd.max_f32s(near, simd.min_f32s(a, b));
+                far = simd.min_f32s(far, simd.max_f32s(a, b));
             }
+            let enters = simd.less_than_or_equal_f32s(near, far);
+            first = simd.min_f32s(first, simd.select_f32s(enters, near, never));
         }
-        let mut first = [f32::INFINITY; LANES];
-        for i in 0..LANES {
-            first[i] = if near[i] <= far[i] {
-                near[i]
-            } else {
-                f32::INFINITY
-            };
-        }
-        first.iter().fold(f32::INFINITY, |a, b| least(a, *b))
+        simd.reduce_min_f32s(first)
     }
 }
 
 impl Triangle {
     /// Where rays cross it, from either side (Möller and Trumbore 1997).
     #[inline(always)]
-    fn cross(&self, rays: &Rays, hits: &mut Hits) {
+    fn cross<S: Simd>(&self, simd: S, rays: &Rays, hits: &mut Hits) {
         let [a, b] = self.edges;
-        let [ox, oy, oz] = &rays.origin;
-        let [dx, dy, dz] = &rays.direction;
-        for i in 0..LANES {
-            let (px, py, pz) = (
-                dy[i] * b.z - dz[i] * b.y,
-                dz[i] * b.x - dx[i] * b.z,
-                dx[i] * b.y - dy[i] * b.x,
-            );
-            let scale = 1.0 / (a.x * px + a.y * py + a.z * pz);
-            let (sx, sy, sz) = (
-                ox[i] - self.corner.x,
-                oy[i] - self.corner.y,
-                oz[i] - self.corner.z,
-            );
-            let u = (sx * px + sy * py + sz * pz) * scale;
-            let (qx, qy, qz) = (
-                sy * a.z - sz * a.y,
-                sz * a.x - sx * a.z,
-                sx * a.y - sy * a.x,
-            );
-            let v = (dx[i] * qx + dy[i] * qy + dz[i] * qz) * scale;
-            let t = (b.x * qx + b.y * qy + b.z * qz) * scale;
+        let (a, b, corner) = (splat3(simd, a), splat3(simd, b), splat3(simd, self.corner));
+        let (zero, one) = (simd.splat_f32s(0.0), simd.splat_f32s(1.0));
+        for at in (0..LANES).step_by(S::F32_LANES) {
+            let direction = load3(simd, &rays.direction, at);
+            let origin = load3(simd, &rays.origin, at);
+            let p = cross(simd, direction, b);
+            let scale = simd.div_f32s(one, dot(simd, a, p));
+            let s = [
+                simd.sub_f32s(origin[0], corner[0]),
+                simd.sub_f32s(origin[1], corner[1]),
+                simd.sub_f32s(origin[2], corner[2]),
+            ];
+            let u = simd.mul_f32s(dot(simd, s, p), scale);
+            let q = cross(simd, s, a);
+            let v = simd.mul_f32s(dot(simd, direction, q), scale);
+            let t = simd.mul_f32s(dot(simd, b, q), scale);
             // Comparisons with the NaN of a degenerate triangle are false.
-            let is_nearer =
-                (u >= 0.0) & (v >= 0.0) & (u + v <= 1.0) & (t > 0.0) & (t < hits.distance[i]);
-            hits.distance[i] = if is_nearer { t } else { hits.distance[i] };
-            hits.u[i] = if is_nearer { u } else { hits.u[i] };
-            hits.v[i] = if is_nearer { v } else { hits.v[i] };
-            hits.triangle[i] = if is_nearer {
-                self.number
-            } else {
-                hits.triangle[i]
-            };
+            let known = load(simd, &hits.distance, at);
+            let least = simd.min_f32s(u, v);
+            let inside = simd.and_m32s(
+                simd.less_than_or_equal_f32s(zero, least),
+                simd.less_than_or_equal_f32s(simd.add_f32s(u, v), one),
+            );
+            let nearer = simd.and_m32s(simd.less_than_f32s(zero, t), simd.less_than_f32s(t, known));
+            let nearer = simd.and_m32s(inside, nearer);
+            if simd.first_true_m32s(nearer) == S::F32_LANES {
+                continue;
+            }
+            let number = simd.splat_f32s(f32::from_bits(self.number));
+            for (to, value) in [
+                (&mut hits.distance, t),
+                (&mut hits.u, u),
+                (&mut hits.v, v),
+                (&mut hits.number, number),
+            ] {
+                let before = load(simd, to, at);
+                store(simd, to, at, simd.select_f32s(nearer, value, before));
+            }
         }
     }
 }
@@ -415,15 +488,20 @@ mod tests {
                 let before = expected;
                 one.nearest(&rays, &mut expected);
                 for i in 0..LANES {
-                    if expected.distance[i] != before.distance[i] {
-                        expected.triangle[i] = number;
-                    }
+                    let is_nearer = expected.distance[i] != before.distance[i];
+                    let number = if is_nearer {
+                        number
+                    } else {
+                        before.triangle(i)
+                    };
+                    expected.number[i] = f32::from_bits(number);
                 }
             }
-            assert_eq!(hits.triangle, expected.triangle);
+            let triangles = |hits: &Hits| [0, 1, 2, 3, 4, 5, 6, 7].map(|i| hits.triangle(i));
+            assert_eq!(triangles(&hits), triangles(&expected));
             assert_eq!(hits.distance, expected.distance);
-            assert_eq!(hits.triangle[3], NOTHING);
-            found += hits.triangle.iter().filter(|t| **t != NOTHING).count();
+            assert_eq!(hits.triangle(3), NOTHING);
+            found += triangles(&hits).iter().filter(|t| **t != NOTHING).count();
         }
         assert!(found > 50, "{found}");
     }

@@ -14,6 +14,9 @@ const ROUGHEST: [f32; 2] = [0.6, 0.4];
 const METAL: f32 = 0.1;
 /// F0 of dielectrics with a refractive index of 1.5.
 const DIELECTRIC: f32 = 0.04;
+/// α of the GGX lobe whose half vectors have the same median angle to the normal as those of Phong's lobe
+/// cosᵉ about the mirror direction, times √(e + 1): √(ln 4) / 2.
+const PHONG: f32 = 0.589;
 /// Distance of a ray's origin from its surface, as a share of the extent of the virtual objects.
 const LIFT: f32 = 1e-4;
 
@@ -28,7 +31,7 @@ pub struct Surface {
     pub f90: f32,
     /// Radiance that it emits.
     pub emissive: Vec3,
-    /// Width of the lobe, as GGX's α.
+    /// α of the GGX lobe that is as wide.
     pub width: f32,
     /// Whether a ray is traced where the camera sees it.
     pub is_glossy: bool,
@@ -44,7 +47,7 @@ impl Surface {
         let (diffuse, f0, f90, width) = match &material.phong {
             Some(phong) => {
                 let parameter = phong_parameter(phong.exponent);
-                let width = own_width(Family::Phong, parameter);
+                let width = PHONG * own_width(Family::Phong, parameter);
                 (base, phong.specular, 0.0, width)
             }
             None => {
@@ -149,14 +152,14 @@ struct Mover {
 
 /// A point that a ray meets.
 #[derive(Clone, Copy, Debug)]
-pub struct Met {
+pub struct Met<'a> {
     /// Distance in lengths of the ray's direction.
     pub distance: f32,
     /// The triangle's own unit normal, towards the ray's origin.
     pub normal: Vec3,
     /// Interpolated between its corners, on the same side.
     pub shading_normal: Vec3,
-    pub surface: Surface,
+    pub surface: &'a Surface,
 }
 
 /// All surfaces around the virtual objects.
@@ -223,15 +226,14 @@ impl NearbyScene {
     }
 
     /// What each ray meets first, nearer than `farthest` lengths of its direction.
-    #[inline(always)]
-    pub fn nearest(&self, rays: &Rays, farthest: [f32; LANES]) -> [Option<Met>; LANES] {
+    pub fn nearest(&self, rays: &Rays, farthest: [f32; LANES]) -> [Option<Met<'_>>; LANES] {
         let mut hits = Hits::within(farthest);
         self.still.bvh.nearest(rays, &mut hits);
-        let mut found: [Option<Met>; LANES] =
+        let mut found: [Option<Met<'_>>; LANES] =
             std::array::from_fn(|i| self.met(&self.still, &hits, (rays, i), Mat3::IDENTITY));
         for mover in &self.moving {
             let own = transformed(rays, &mover.own_from_world);
-            hits.triangle = [NOTHING; LANES];
+            hits.forget();
             mover.body.bvh.nearest(&own, &mut hits);
             let world_from_normal = Mat3::from_mat4(mover.own_from_world).transpose();
             for (i, found) in found.iter_mut().enumerate() {
@@ -243,22 +245,20 @@ impl NearbyScene {
     }
 
     /// Whether phantoms block each ray before `farthest` lengths of its direction.
-    #[inline(always)]
     pub fn is_hidden(&self, rays: &Rays, farthest: [f32; LANES]) -> [bool; LANES] {
         let mut hits = Hits::within(farthest);
         self.real.nearest(rays, &mut hits);
-        hits.triangle.map(|triangle| triangle != NOTHING)
+        std::array::from_fn(|lane| hits.triangle(lane) != NOTHING)
     }
 
-    #[inline(always)]
-    fn met(
-        &self,
+    fn met<'a>(
+        &'a self,
         body: &Body,
         hits: &Hits,
         (rays, i): (&Rays, usize),
         world_from_normal: Mat3,
-    ) -> Option<Met> {
-        let face = body.faces.get(hits.triangle[i] as usize)?;
+    ) -> Option<Met<'a>> {
+        let face = body.faces.get(hits.triangle(i) as usize)?;
         let direction = Vec3::from_array(rays.direction.map(|axis| axis[i]));
         let (u, v) = (hits.u[i], hits.v[i]);
         let [a, b, c] = face.normals;
@@ -269,7 +269,7 @@ impl NearbyScene {
             distance: hits.distance[i],
             normal,
             shading_normal: facing(between.normalize_or(normal), normal),
-            surface: self.surfaces[face.surface as usize],
+            surface: &self.surfaces[face.surface as usize],
         })
     }
 }

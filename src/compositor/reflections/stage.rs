@@ -6,7 +6,7 @@ use super::super::textures::{FrameTexture, TILE, coarse_size, format};
 use super::bvh::LANES;
 use super::nearby_scene::NearbyScene;
 use super::radiance::{NearbyLight, PointGrid};
-use super::trace::{Nearby, Tracer, View};
+use super::trace::{Nearby, Tracer, View, slopes};
 use glam::{DMat4, Vec2};
 use half::f16;
 use penumbra_camera::Response;
@@ -18,7 +18,7 @@ const PACKET: [usize; 2] = [4, 2];
 /// Rows of the lattice that a thread takes at a time.
 const ROWS: usize = 4;
 /// Rays for a lobe where every pixel has a point of the lattice, and where not.
-const RAYS: [usize; 2] = [16, 4];
+const RAYS: [usize; 2] = [12, 3];
 
 /// A texel: light, open, seen, seen · metres as half floats, then z.
 type Texel = [u32; 4];
@@ -30,6 +30,8 @@ pub struct ReflectionsStage {
     points: PointGrid,
     /// Pixels from one point of the lattice to the next.
     step: u32,
+    /// Of the rays for a lobe.
+    slopes: Vec<Vec2>,
     picture: FrameTexture,
     /// The rectangle of texels in which something was traced.
     texels: Vec<Texel>,
@@ -52,6 +54,7 @@ impl ReflectionsStage {
             scene: None,
             points: PointGrid::default(),
             step,
+            slopes: slopes(RAYS[usize::from(step > 1)]),
             picture: picture(device, (1, 1)),
             texels: Vec::new(),
         }
@@ -107,7 +110,7 @@ impl ReflectionsStage {
                 scene,
                 light,
                 view: View::new(&view.camera, pose),
-                rays: RAYS[usize::from(self.step > 1)],
+                slopes: &self.slopes,
             },
             tiles,
             step: self.step,
@@ -119,12 +122,7 @@ impl ReflectionsStage {
         self.texels.resize(across * down, [0; 4]);
         let strips = self.texels[..across * down].chunks_exact_mut(ROWS * across);
         threads::for_each(strips.enumerate().collect(), |(number, strip)| {
-            let lattice = &lattice;
-            pulp::Arch::new().dispatch(Strip {
-                lattice,
-                number,
-                texels: strip,
-            });
+            lattice.trace(number, strip);
         });
         upload(queue, &self.picture, &self.texels, (tiles, self.step));
     }
@@ -137,31 +135,17 @@ struct Lattice<'a> {
     step: u32,
 }
 
-/// Rows of the lattice, traced with the instructions that the processor has.
-struct Strip<'a, 'b> {
-    lattice: &'b Lattice<'a>,
-    number: usize,
-    texels: &'b mut [Texel],
-}
-
-impl pulp::WithSimd for Strip<'_, '_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn with_simd<S: pulp::Simd>(self, _: S) {
-        let Self {
-            lattice,
-            number,
-            texels,
-        } = self;
+impl Lattice<'_> {
+    /// Traces strip `number` of [`ROWS`] rows.
+    fn trace(&self, number: usize, texels: &mut [Texel]) {
         let across = texels.len() / ROWS;
-        let side = (TILE / lattice.step) as usize;
-        let [left, top, ..] = lattice.tiles.rectangle.map(|n| n as usize);
+        let side = (TILE / self.step) as usize;
+        let [left, top, ..] = self.tiles.rectangle.map(|n| n as usize);
         let row = number * ROWS;
-        let tile_row = (top + row / side) * lattice.tiles.across as usize;
+        let tile_row = (top + row / side) * self.tiles.across as usize;
         texels.fill([0; 4]);
         for x in (0..across).step_by(PACKET[0]) {
-            if lattice.tiles.covered[tile_row + left + x / side] == 0 {
+            if self.tiles.covered[tile_row + left + x / side] == 0 {
                 continue;
             }
             for y in (0..ROWS).step_by(PACKET[1]) {
@@ -169,9 +153,9 @@ impl pulp::WithSimd for Strip<'_, '_> {
                 let pixels: [Vec2; LANES] = std::array::from_fn(|lane| {
                     let (x, y) = place(lane);
                     let at = Vec2::new((left * side + x) as f32, (top * side + row + y) as f32);
-                    (at + 0.5) * lattice.step as f32 - 0.5
+                    (at + 0.5) * self.step as f32 - 0.5
                 });
-                for (lane, found) in lattice.tracer.trace(pixels).iter().enumerate() {
+                for (lane, found) in self.tracer.trace(pixels).iter().enumerate() {
                     let (x, y) = place(lane);
                     texels[y * across + x] = packed(found);
                 }
@@ -182,6 +166,9 @@ impl pulp::WithSimd for Strip<'_, '_> {
 
 /// Twin of WGSL `nearby_at`, which reads it.
 fn packed(nearby: &Nearby) -> Texel {
+    if nearby.z == 0.0 {
+        return [0; 4];
+    }
     let half = |x: f32| u32::from(f16::from_f32(x.clamp(0.0, 6e4)).to_bits());
     let halves = |a: f32, b: f32| half(a) | half(b) << 16;
     let Nearby {

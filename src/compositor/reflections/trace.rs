@@ -98,16 +98,27 @@ pub struct Tracer<'a> {
     pub scene: &'a NearbyScene,
     pub light: NearbyLight<'a>,
     pub view: View,
-    /// Rays for the lobe of a surface that is no mirror.
-    pub rays: usize,
+    /// The slopes of half vectors, in units of the lobe's width, of the rays for a lobe.
+    pub slopes: &'a [Vec2],
+}
+
+/// The slopes for `count` rays: quantiles of GGX's distribution on a spiral.
+pub fn slopes(count: usize) -> Vec<Vec2> {
+    let slope = |number: usize| {
+        let u = (number as f32 + 0.5) / count as f32;
+        Vec2::from_angle(GOLDEN * number as f32) * (u / (1.0 - u)).sqrt()
+    };
+    (0..count).map(slope).collect()
 }
 
 /// A glossy surface that the camera sees.
-struct Mirror {
+struct Mirror<'a> {
     point: Vec3,
     /// From the camera, unit length.
     incident: Vec3,
-    met: Met,
+    /// Unit vectors across the shading normal.
+    across: (Vec3, Vec3),
+    met: Met<'a>,
     /// Weight of its rays, and the weighted sum of the lengths of those that meet what is seen.
     weight: f32,
     metres: f32,
@@ -154,7 +165,6 @@ struct Second {
 
 impl Tracer<'_> {
     /// What the surfaces behind some pixels mirror.
-    #[inline(always)]
     pub fn trace(&self, pixels: [Vec2; LANES]) -> [Nearby; LANES] {
         let mut packet = Packet::new();
         let directions = pixels.map(|pixel| self.view.through(pixel));
@@ -162,11 +172,12 @@ impl Tracer<'_> {
             packet.set(lane, self.view.eye, *direction, f32::MAX);
         }
         let found = self.scene.nearest(&packet.rays, packet.farthest);
-        let mut mirrors: [Option<Mirror>; LANES] = std::array::from_fn(|lane| {
+        let mut mirrors: [Option<Mirror<'_>>; LANES] = std::array::from_fn(|lane| {
             let met = found[lane].filter(|met| met.surface.is_glossy)?;
             Some(Mirror {
                 point: self.view.eye + directions[lane] * met.distance,
                 incident: directions[lane].normalize(),
+                across: met.shading_normal.any_orthonormal_pair(),
                 met,
                 weight: 0.0,
                 metres: 0.0,
@@ -180,18 +191,17 @@ impl Tracer<'_> {
         if mirrors.iter().all(Option::is_none) {
             return [Nearby::NOTHING; LANES];
         }
-        for number in 0..self.rays {
+        for number in 0..self.slopes.len() {
             self.reflect(number, &mut mirrors);
         }
         mirrors.map(|mirror| mirror.map_or(Nearby::NOTHING, Mirror::mean))
     }
 
     /// Traces ray `number` of each mirror.
-    #[inline(always)]
-    fn reflect(&self, number: usize, mirrors: &mut [Option<Mirror>; LANES]) {
+    fn reflect(&self, number: usize, mirrors: &mut [Option<Mirror<'_>>; LANES]) {
         let mut packet = Packet::new();
         for (lane, mirror) in mirrors.iter_mut().enumerate() {
-            let ray = mirror.as_mut().and_then(|m| m.ray(number, self.rays));
+            let ray = mirror.as_mut().and_then(|m| m.ray(number, self.slopes));
             if let (Some(mirror), Some(direction)) = (mirror, ray) {
                 mirror.weight += 1.0;
                 let origin = mirror.point + mirror.met.normal * self.scene.lift;
@@ -234,21 +244,20 @@ impl Tracer<'_> {
     }
 
     /// Light of a virtual surface, or of a real mirror, that does not come from its own mirror ray.
-    fn direct(&self, point: Vec3, met: &Met) -> Vec3 {
+    fn direct(&self, point: Vec3, met: &Met<'_>) -> Vec3 {
         if met.surface.phantom.is_some() {
             return Vec3::ZERO;
         }
-        let surface = &met.surface;
+        let surface = met.surface;
         self.light.diffuse(point, met.shading_normal, surface)
     }
 
     /// Adds the phantoms that mirror rays have met: as seen, or their mean radiance.
-    #[inline(always)]
     fn look(
         &self,
         to_eye: &Packet,
-        found: &[Option<Met>; LANES],
-        mirrors: &mut [Option<Mirror>; LANES],
+        found: &[Option<Met<'_>>; LANES],
+        mirrors: &mut [Option<Mirror<'_>>; LANES],
     ) {
         if to_eye.is_empty() {
             return;
@@ -279,11 +288,10 @@ impl Tracer<'_> {
     }
 
     /// Adds what the surfaces that mirror rays have met reflect themselves.
-    #[inline(always)]
     fn reflect_again(
         &self,
         seconds: &[Option<Second>; LANES],
-        mirrors: &mut [Option<Mirror>; LANES],
+        mirrors: &mut [Option<Mirror<'_>>; LANES],
     ) {
         let mut packet = Packet::new();
         for (lane, second) in seconds.iter().enumerate() {
@@ -313,7 +321,7 @@ impl Tracer<'_> {
                     Some(number) => self.light.phantom(number, met.normal),
                     None => {
                         let at = along(met.distance);
-                        self.light.total(at, met.shading_normal, &met.surface)
+                        self.light.total(at, met.shading_normal, met.surface)
                     }
                 },
                 None if packet.farthest[lane] < f32::MAX => {
@@ -326,21 +334,18 @@ impl Tracer<'_> {
     }
 }
 
-impl Mirror {
-    /// Direction of ray `number` of `count`; `None` below the surface, where the lobe ends.
-    #[inline(always)]
-    fn ray(&self, number: usize, count: usize) -> Option<Vec3> {
+impl Mirror<'_> {
+    /// Direction of ray `number`; `None` below the surface, where the lobe ends.
+    fn ray(&self, number: usize, slopes: &[Vec2]) -> Option<Vec3> {
         let n = self.met.shading_normal;
         let width = self.met.surface.width;
-        if width < MIRROR || count == 1 {
+        if width < MIRROR || slopes.len() == 1 {
             let mirrored = self.incident.reflect(n);
             return (number == 0).then(|| lifted(mirrored, self.met.normal));
         }
-        let u = (number as f32 + 0.5) / count as f32;
-        let (sin, cos) = (GOLDEN * number as f32).sin_cos();
-        let slope = width * (u / (1.0 - u)).sqrt();
-        let (right, up) = n.any_orthonormal_pair();
-        let half = (n + (right * cos + up * sin) * slope).normalize();
+        let slope = width * slopes[number];
+        let (right, up) = self.across;
+        let half = (n + right * slope.x + up * slope.y).normalize();
         let direction = self.incident.reflect(half);
         let is_above = half.dot(self.incident) < 0.0 && direction.dot(n) > 0.0;
         // The first ray is nearest to the mirror direction: no lobe is without any.
@@ -378,8 +383,8 @@ fn lifted(direction: Vec3, n: Vec3) -> Vec3 {
 
 /// The reflection in a surface at `from`; `None` if it reflects nothing specularly. The lobes of both
 /// surfaces, the first as wide as `width`, blur it.
-fn second(met: &Met, from: Vec3, direction: Vec3, width: f32) -> Option<Second> {
-    let Surface { f0, width: own, .. } = met.surface;
+fn second(met: &Met<'_>, from: Vec3, direction: Vec3, width: f32) -> Option<Second> {
+    let Surface { f0, width: own, .. } = *met.surface;
     (f0 != Vec3::ZERO).then(|| {
         let n = met.shading_normal;
         Second {
