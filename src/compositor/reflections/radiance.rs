@@ -192,6 +192,11 @@ impl<'a> NearbyLight<'a> {
         colour.unwrap_or(self.lighting.ground_radiance) * self.ground_share(p)
     }
 
+    /// Mean radiance of the ground, with the shadows of virtual objects.
+    pub fn mean_ground(&self, p: Vec3) -> Vec3 {
+        self.lighting.ground_radiance * self.ground_share(p)
+    }
+
     fn ground_share(&self, p: Vec3) -> f32 {
         let share = self.indirect.and_then(|light| {
             let at = (p - light.low).truncate() / (light.high - light.low).truncate();

@@ -150,6 +150,11 @@ impl Packet {
         self.farthest[lane] = farthest;
     }
 
+    /// The point of a ray at a distance.
+    fn point(&self, lane: usize, distance: f32) -> Vec3 {
+        lane_of(&self.rays.origin, lane) + lane_of(&self.rays.direction, lane) * distance
+    }
+
     fn is_empty(&self) -> bool {
         self.farthest.iter().all(|far| *far < 0.0)
     }
@@ -219,11 +224,18 @@ impl Tracer<'_> {
                 continue;
             };
             let Some(met) = &found[lane] else {
-                mirror.sum.open += 1.0;
+                // The picture shows the ground there, unless a phantom hides it.
+                let point = packet.point(lane, packet.farthest[lane]);
+                if packet.farthest[lane] < f32::MAX && self.view.inside(point) > 0.0 {
+                    let from = point + Vec3::Z * self.scene.lift;
+                    to_eye.set(lane, from, self.view.eye - from, FREE);
+                } else {
+                    mirror.sum.open += 1.0;
+                }
                 continue;
             };
             let direction = lane_of(&packet.rays.direction, lane);
-            let point = lane_of(&packet.rays.origin, lane) + direction * met.distance;
+            let point = packet.point(lane, met.distance);
             let from = point + met.normal * self.scene.lift;
             if met.surface.phantom.is_some() && met.surface.f0 == Vec3::ZERO {
                 to_eye.set(lane, from, self.view.eye - from, FREE);
@@ -252,7 +264,8 @@ impl Tracer<'_> {
         self.light.diffuse(point, met.shading_normal, surface)
     }
 
-    /// Adds the phantoms that mirror rays have met: as seen, or their mean radiance.
+    /// Adds the phantoms and the ground that mirror rays have met: as the camera sees them, or their
+    /// mean radiance.
     fn look(
         &self,
         to_eye: &Packet,
@@ -264,16 +277,19 @@ impl Tracer<'_> {
         }
         let hidden = self.scene.is_hidden(&to_eye.rays, to_eye.farthest);
         for (lane, mirror) in mirrors.iter_mut().enumerate() {
-            let (Some(mirror), Some(met)) = (mirror, &found[lane]) else {
+            let Some(mirror) = mirror.as_mut().filter(|_| to_eye.farthest[lane] > 0.0) else {
                 continue;
             };
-            if to_eye.farthest[lane] < 0.0 {
+            let point = to_eye.point(lane, 0.0);
+            let towards = lane_of(&to_eye.rays.direction, lane);
+            let Some(met) = &found[lane] else {
+                if hidden[lane] {
+                    mirror.sum.light += self.light.mean_ground(point);
+                } else {
+                    mirror.sum.open += 1.0;
+                }
                 continue;
-            }
-            let (point, towards) = (
-                lane_of(&to_eye.rays.origin, lane),
-                lane_of(&to_eye.rays.direction, lane),
-            );
+            };
             let faces = met.normal.dot(towards) > 0.0;
             let seen = if faces && !hidden[lane] {
                 self.view.inside(point)
