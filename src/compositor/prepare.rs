@@ -66,7 +66,16 @@ impl Compositor {
         self.fit_pictures(view.size)?;
         self.upload_radiance(input);
         self.upload_picture(input);
-        self.upload_frame(input, &view)
+        let plan = self.upload_frame(input, &view)?;
+        let tiles = ReflectionTiles {
+            covered: self.cover.tiles(),
+            across: view.size.0.div_ceil(TILE),
+            rectangle: plan.covered,
+        };
+        let (queue, response) = (&self.gpu.queue, &self.response);
+        self.reflections
+            .update(queue, (input, &view), response, tiles);
+        Ok(plan)
     }
 
     /// Moves all moving parts to their placement at `seconds` since the session began, as they
@@ -255,16 +264,6 @@ impl Compositor {
         self.scene.emitters.place(&self.gpu.queue, lamps);
         plan.covered = self.upload_cover(input, view, augmented && input.lighting.is_some());
         plan.cleared = self.cover.rectangle_to_clear();
-        if has_virtual {
-            let tiles = ReflectionTiles {
-                covered: self.cover.tiles(),
-                across: view.size.0.div_ceil(TILE),
-                rectangle: plan.covered,
-            };
-            let queue = &self.gpu.queue;
-            self.reflections
-                .update(queue, (input, view), &self.response, tiles);
-        }
         let stage = self.planes.as_mut().filter(|_| by_planes);
         let cache = (&self.gpu.queue, self.surface_light.as_ref());
         let lights = stage.map_or(lights, |s| s.shade(input, &mut uniform, lights, cache));

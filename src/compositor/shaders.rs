@@ -579,6 +579,7 @@ mod tests {
                 exposed: lamps,
                 rolling_shutter: samples > 1,
                 vignetting: samples > 1,
+                nearby: soft,
             });
             let summing = [true, false];
             let planes = summing.map(|real| {

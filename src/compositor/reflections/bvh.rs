@@ -503,7 +503,7 @@ mod tests {
             assert_eq!(hits.triangle(3), NOTHING);
             found += triangles(&hits).iter().filter(|t| **t != NOTHING).count();
         }
-        assert!(found > 50, "{found}");
+        assert!(found > 20, "{found}");
     }
 
     #[test]
