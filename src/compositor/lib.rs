@@ -4,7 +4,8 @@
 //!
 //! The steps of a frame ([`Compositor::compose`], file `frame.rs`):
 //!
-//! 1. Place moving parts, fit size and shader variant, upload picture, light and uniforms.
+//! 1. Place moving parts, fit size and shader variant, upload picture, light and uniforms; trace
+//!    what glossy surfaces mirror of their neighbourhood.
 //! 2. Undistort the camera picture; draw it in the exposure of the frame.
 //! 3. Draw the shadow maps that are out of date, of dome lights and of virtual lights.
 //! 4. Draw the visible surfaces: phantoms (proxies of the real scene) and virtual objects.

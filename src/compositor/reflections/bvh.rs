@@ -177,7 +177,8 @@ impl pulp::WithSimd for Traversal<'_> {
     }
 }
 
-/// Directions shorter than this along an axis are taken for this long: their reciprocals are finite.
+/// Directions shorter than this along an axis are taken for this long: their reciprocals are
+/// finite.
 const LEAST: f32 = 1e-12;
 
 /// Reciprocals of the directions.

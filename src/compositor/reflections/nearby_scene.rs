@@ -14,8 +14,8 @@ const ROUGHEST: [f32; 2] = [0.6, 0.4];
 const METAL: f32 = 0.1;
 /// F0 of dielectrics with a refractive index of 1.5.
 const DIELECTRIC: f32 = 0.04;
-/// α of the GGX lobe whose half vectors have the same median angle to the normal as those of Phong's lobe
-/// cosᵉ about the mirror direction, times √(e + 1): √(ln 4) / 2.
+/// α of the GGX lobe whose half vectors have the same median angle to the normal as those of
+/// Phong's lobe cosᵉ about the mirror direction, times √(e + 1): √(ln 4) / 2.
 const PHONG: f32 = 0.589;
 /// Distance of a ray's origin from its surface, as a share of the extent of the virtual objects.
 const LIFT: f32 = 1e-4;

@@ -1,8 +1,8 @@
 //! Mirror rays: what glossy surfaces that the camera sees reflect of their neighbourhood.
 //!
-//! A lobe is divided into parts of equal weight, each with a ray: the camera's ray is reflected about
-//! half vectors n + α s, with slopes s at the quantiles of GGX's distribution, |s| = √(u / (1 − u)).
-//! What a ray meets before the ground counts as close by:
+//! A lobe is divided into parts of equal weight, each with a ray: the camera's ray is reflected
+//! about half vectors n + α s, with slopes s at the quantiles of GGX's distribution,
+//! |s| = √(u / (1 − u)). What a ray meets before the ground counts as close by:
 //!
 //! ```text
 //!   L = open · L_far  +  light  +  seen · L_picture(p + d · metres)
@@ -10,8 +10,8 @@
 //!
 //! L_far, environment and ground, is looked up by the composite. `light` is the mean radiance of
 //! virtual surfaces and of phantoms that the camera does not see, of each over all rays. Where the
-//! camera sees a phantom, `seen` is the share of the rays that meet it and `metres` their mean length:
-//! the composite looks up the picture there.
+//! camera sees a phantom, `seen` is the share of the rays that meet it and `metres` their mean
+//! length: the composite looks up the picture there.
 
 use super::bvh::{LANES, Lanes, Rays};
 use super::nearby_scene::{Met, NearbyScene, Surface};
@@ -264,8 +264,8 @@ impl Tracer<'_> {
         self.light.diffuse(point, met.shading_normal, surface)
     }
 
-    /// Adds the phantoms and the ground that mirror rays have met: as the camera sees them, or their
-    /// mean radiance.
+    /// Adds the phantoms and the ground that mirror rays have met: as the camera sees them, or
+    /// their mean radiance.
     fn look(
         &self,
         to_eye: &Packet,
@@ -387,8 +387,8 @@ impl Mirror<'_> {
     }
 }
 
-/// A direction that points away from a triangle with normal `n`: interpolated normals may reflect it
-/// into the surface.
+/// A direction that points away from a triangle with normal `n`: interpolated normals may reflect
+/// it into the surface.
 fn lifted(direction: Vec3, n: Vec3) -> Vec3 {
     let elevation = direction.dot(n);
     if elevation >= LEAST_ELEVATION {
@@ -397,8 +397,8 @@ fn lifted(direction: Vec3, n: Vec3) -> Vec3 {
     (direction + n * (LEAST_ELEVATION - elevation)).normalize()
 }
 
-/// The reflection in a surface at `from`; `None` if it reflects nothing specularly. The lobes of both
-/// surfaces, the first as wide as `width`, blur it.
+/// The reflection in a surface at `from`; `None` if it reflects nothing specularly. The lobes of
+/// both surfaces, the first as wide as `width`, blur it.
 fn second(met: &Met<'_>, from: Vec3, direction: Vec3, width: f32) -> Option<Second> {
     let Surface { f0, width: own, .. } = *met.surface;
     (f0 != Vec3::ZERO).then(|| {

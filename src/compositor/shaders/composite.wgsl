@@ -44,8 +44,8 @@ fn light_at(pixel: vec2i, n: vec3f, z: f32, own: bool) -> vec3f {
     return sum / max(weight, 1e-9);
 }
 
-// Radiance of a point of a real surface as the picture shows it, blurred over `metres`; in w, whether it
-// does.
+// Radiance of a point of a real surface as the picture shows it, blurred over `metres`; in w,
+// whether it does.
 fn real_radiance(world: vec3f, metres: f32) -> vec4f {
     let p = pixel_of(world);
     let uv = (p.xy + vec2f(0.5)) * frame.size.zw;
@@ -80,8 +80,8 @@ fn reflected(world: vec3f, d: vec3f, level: f32, gloss: Gloss) -> vec3f {
     return mix(far, mix(frame.ground.rgb, near.rgb, near.a), below);
 }
 
-// Light that a glossy surface mirrors: `far` from far away and from the ground as far as nothing is in
-// between, else of what is close by.
+// Light that a glossy surface mirrors: `far` from far away and from the ground as far as nothing is
+// in between, else of what is close by.
 fn mirrored_light(far: vec3f, near: Nearby, world: vec3f, d: vec3f, gloss: Gloss) -> vec3f {
     let seen = real_radiance(world + d * near.metres, 2.0 * near.metres * gloss.width).rgb;
     return far * near.open + near.light + seen * near.seen;

@@ -1,8 +1,8 @@
-// What glossy surfaces mirror of their neighbourhood, by rays that the processor has traced on a lattice
-// of pixels. Twin of `reflections::stage`.
+// What glossy surfaces mirror of their neighbourhood, by rays that the processor has traced on a
+// lattice of pixels. Twin of `reflections::stage`.
 
-// Light, open, seen, seen times metres as half floats; distance along the camera's axis, 0 without a
-// glossy surface.
+// Light, open, seen, seen times metres as half floats; distance along the camera's axis, 0 without
+// a glossy surface.
 @group(3) @binding(6) var nearby: texture_2d<u32>;
 
 struct Nearby {
