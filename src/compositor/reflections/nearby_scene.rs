@@ -7,11 +7,11 @@ use penumbra_lighting::lobes::{Family, own_width, phong_parameter};
 use penumbra_scene::indirect_light::solid_phantoms;
 use penumbra_scene::{Material, Part, Scene};
 
-/// Perceptual roughness above which all surfaces are too rough to mirror anything, and above which
-/// dielectrics are, which reflect little.
-const ROUGHEST: [f32; 2] = [0.6, 0.4];
-/// F0 from which a surface counts as a metal.
-const METAL: f32 = 0.1;
+/// Width of a lobe, as GGX's α, above which a surface is too rough to mirror anything.
+const WIDEST: f32 = 0.36;
+/// Ratio of F0 to that width below which what is mirrored is too weak or too blurred to be worth its
+/// rays: a dielectric of roughness 0.14, or a metal that is a quarter as bright at 0.35.
+const CLEAREST: f32 = 2.0;
 /// F0 of dielectrics with a refractive index of 1.5.
 const DIELECTRIC: f32 = 0.04;
 /// α of the GGX lobe whose half vectors have the same median angle to the normal as those of
@@ -57,20 +57,13 @@ impl Surface {
                 (base * (1.0 - metallic), f0, f90, width)
             }
         };
-        let [metals, dielectrics] = ROUGHEST;
-        let roughness = width.sqrt();
-        let limit = if f0.max_element() >= METAL {
-            metals
-        } else {
-            dielectrics
-        };
         Self {
             diffuse,
             f0,
             f90,
             emissive: material.emissive,
             width,
-            is_glossy: f0.max_element() > 0.0 && roughness <= limit,
+            is_glossy: width <= WIDEST && f0.max_element() >= CLEAREST * width,
             phantom: None,
         }
     }
