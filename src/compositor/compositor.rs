@@ -11,6 +11,7 @@ use super::passes::shadow_map::DomeShadowMaps;
 use super::pipelines::Pipelines;
 use super::planes::{PlaneWork, PlanesStage, PlanesUploader, SourceBaker};
 use super::readback::Readback;
+use super::reflections::ReflectionsStage;
 use super::reproject::ReprojectStage;
 use super::response_table::ResponseTable;
 use super::scene_buffers::{SceneBuffers, SceneLayouts};
@@ -55,6 +56,7 @@ pub struct Compositor {
     pub(crate) exposure: ExposureStage,
     pub(crate) planes: Option<Box<PlanesStage>>,
     pub(crate) look: CameraLook,
+    pub(crate) reflections: ReflectionsStage,
     pub(crate) reproject: Option<Box<ReprojectStage>>,
 
     // The scene.
@@ -113,6 +115,7 @@ impl Compositor {
             exposure: ExposureStage::default(),
             planes: None,
             look: CameraLook::default(),
+            reflections: ReflectionsStage::new(device, settings.reflection_step),
             reproject: None,
             scene: SceneBuffers::upload(device, queue, &layouts, &Scene::default(), &[], None),
             cover: Cover::default(),
@@ -162,6 +165,7 @@ impl Compositor {
     pub fn show_scene(&mut self, scene: UploadedScene) {
         self.scene = scene.buffers;
         self.cover.set_boxes(scene.boxes);
+        self.reflections.set_scene(scene.nearby);
         self.light_maps
             .bind_screens(&self.gpu.device, &self.scene.screens);
         // The new scene may need the radiance maps of Phong's lobes.

@@ -108,6 +108,7 @@ impl Compositor {
             edge_tiles: &pictures.edge_tiles,
             surroundings,
             gloss: &self.light_maps.gloss,
+            nearby: self.reflections.picture(),
         };
         let composed = composite_pass.record(r, frame, &inputs, &pictures.kinds, output);
 

@@ -4,7 +4,8 @@
 //!
 //! The steps of a frame ([`Compositor::compose`], file `frame.rs`):
 //!
-//! 1. Place moving parts, fit size and shader variant, upload picture, light and uniforms.
+//! 1. Place moving parts, fit size and shader variant, upload picture, light and uniforms; trace
+//!    what glossy surfaces mirror of their neighbourhood.
 //! 2. Undistort the camera picture; draw it in the exposure of the frame.
 //! 3. Draw the shadow maps that are out of date, of dome lights and of virtual lights.
 //! 4. Draw the visible surfaces: phantoms (proxies of the real scene) and virtual objects.
@@ -28,6 +29,7 @@
 //! | `settings`, `frame_input`, `frame_view`, `frame_uniform` | the input of a frame |
 //! | `passes`, `pipelines`, `sized_resources` | the passes and their pictures |
 //! | `lens`, [`exposure`], [`planes`], [`look`], `reproject` | stages: groups of passes that run as one step |
+//! | `reflections` | what glossy surfaces mirror of their neighbourhood, traced by the processor |
 //! | `compositor`, `prepare`, `frame` | the state kept between frames; uploads; the passes in order |
 //! | [`readback`] | the finished picture in memory |
 //! | [`mod@reference`] | the same picture computed on the CPU, for tests |
@@ -64,6 +66,7 @@ mod prepare;
 pub mod readback;
 mod recorder;
 pub mod reference;
+mod reflections;
 mod reproject;
 pub mod requirements;
 mod response_table;

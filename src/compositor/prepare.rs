@@ -13,6 +13,7 @@ use super::look::LookFit;
 use super::moving::upload;
 use super::passes::exposure::ExposedPictures;
 use super::pipelines::Pipelines;
+use super::reflections::ReflectionTiles;
 use super::reproject::ReprojectStage;
 use super::shaders::Variant;
 use super::sized_resources::SizedResources;
@@ -66,7 +67,16 @@ impl Compositor {
         self.fit_pictures(view.size)?;
         self.upload_radiance(input);
         self.upload_picture(input);
-        self.upload_frame(input, &view)
+        let plan = self.upload_frame(input, &view)?;
+        let tiles = ReflectionTiles {
+            covered: self.cover.tiles(),
+            across: view.size.0.div_ceil(TILE),
+            rectangle: plan.covered,
+        };
+        let (queue, response) = (&self.gpu.queue, &self.response);
+        self.reflections
+            .update(queue, (input, &view), response, tiles);
+        Ok(plan)
     }
 
     /// Moves all moving parts to their placement at `seconds` since the session began, as they
@@ -86,6 +96,7 @@ impl Compositor {
             if let Some(light) = &mut self.surface_light {
                 light.place(part.index, world);
             }
+            self.reflections.place(part.index, world);
             if let Some(corners) = part.placed_corners() {
                 self.cover.set_box(part.index, corners);
                 if let Some(drawn) = self.scene.virtual_parts.get_mut(part.index) {
@@ -141,6 +152,7 @@ impl Compositor {
             phong: known.phong || self.scene.has_phong,
             rolling_shutter: known.rolling_shutter || input.rolling_shutter.is_some(),
             vignetting: known.vignetting || input.vignetting.is_some(),
+            nearby: known.nearby.max(self.reflections.step()),
             ..known
         };
         if variant == known {

@@ -3,6 +3,7 @@
 use super::caster_hull::CasterHull;
 use super::cover::Corners;
 use super::gpu::Gpu;
+use super::reflections::NearbyScene;
 use super::scene_buffers::{SceneBuffers, SceneLayouts};
 use super::surface_light::KeptLight;
 use penumbra_scene::{Part, Scene};
@@ -31,6 +32,8 @@ pub struct UploadedScene {
     /// Hulls of static virtual casters and of phantoms.
     pub(crate) hulls: [CasterHull; 2],
     pub(crate) cache: Option<SurfaceCache>,
+    /// What glossy surfaces mirror, if there are any.
+    pub(crate) nearby: Option<NearbyScene>,
 }
 
 impl SceneUploader {
@@ -52,6 +55,7 @@ impl SceneUploader {
             boxes,
             buffers,
             cache,
+            nearby: NearbyScene::new(scene),
         }
     }
 }

@@ -21,6 +21,9 @@ pub struct CompositorSettings {
     pub cache_in_background: bool,
     /// Whether a picture by shadowing planes waits for the images of compact sources that have moved.
     pub waits_for_sources: bool,
+    /// Pixels from one mirror ray to the next, 1, 2 or 4: what glossy surfaces reflect of their
+    /// neighbourhood is interpolated between them.
+    pub reflection_step: u32,
 }
 
 /// Number of lights above which shadow maps are smaller: more lights share the work of drawing the
@@ -40,6 +43,7 @@ impl CompositorSettings {
             cache_pages: 1500,
             cache_in_background: false,
             waits_for_sources: false,
+            reflection_step: 2,
         }
     }
 
@@ -49,6 +53,7 @@ impl CompositorSettings {
         Self {
             soft_samples: 4,
             waits_for_sources: true,
+            reflection_step: 1,
             ..Self::for_adapter(false)
         }
     }

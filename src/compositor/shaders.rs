@@ -26,6 +26,7 @@ const AREA_LAMPS: &str = include_str!("shaders/lib/area_lamps.wgsl");
 const GLOSS: &str = include_str!("shaders/lib/gloss.wgsl");
 const COMPACT_SOURCE_SPECULAR: &str = include_str!("shaders/lib/compact_source_specular.wgsl");
 const HIGHLIGHTS: &str = include_str!("shaders/lib/highlights.wgsl");
+const NEARBY: &str = include_str!("shaders/lib/nearby.wgsl");
 const EDGES: &str = include_str!("shaders/lib/edges.wgsl");
 const BACKGROUND: &str = include_str!("shaders/lib/background.wgsl");
 const MARKS: &str = include_str!("shaders/lib/marks.wgsl");
@@ -64,6 +65,8 @@ pub struct Variant {
     pub rolling_shutter: bool,
     /// Whether the camera has vignetting.
     pub vignetting: bool,
+    /// Pixels between mirror rays; 0 if no surface is glossy.
+    pub nearby: u32,
 }
 
 impl Variant {
@@ -84,6 +87,7 @@ impl Variant {
         exposed: false,
         rolling_shutter: false,
         vignetting: false,
+        nearby: 0,
     };
 }
 
@@ -249,6 +253,7 @@ const FRAME_SHADERS: [(&str, &[&str]); 16] = [
             LAMPS,
             AREA_LAMPS,
             HIGHLIGHTS,
+            NEARBY,
             include_str!("shaders/composite.wgsl"),
         ],
     ),
@@ -310,12 +315,14 @@ fn for_variant(text: String, variant: Variant) -> String {
         ("EXPOSED", variant.exposed),
         ("ROLLING", variant.rolling_shutter),
         ("VIGNETTING", variant.vignetting),
+        ("NEARBY", variant.nearby > 0),
     ];
     let text = only_cached(&text, variant.cached)
         .replace("VIRTUAL_TEXTURE", colour)
         .replace("VIRTUAL_DEPTH", depth)
         .replace("SAMPLES", &variant.samples.to_string())
-        .replace("SOFT", &variant.soft.to_string());
+        .replace("SOFT", &variant.soft.to_string())
+        .replace("NEARBY_STEP", &format!("{}.0", variant.nearby.max(1)));
     flags.iter().fold(text, |text, (name, set)| {
         text.replace(name, if *set { "true" } else { "false" })
     })
@@ -574,6 +581,7 @@ mod tests {
                 exposed: lamps,
                 rolling_shutter: samples > 1,
                 vignetting: samples > 1,
+                nearby: soft,
             });
             let summing = [true, false];
             let planes = summing.map(|real| {

@@ -18,6 +18,7 @@ mod lens;
 mod light_probe;
 mod look;
 mod moving;
+mod nearby;
 mod plane_sources;
 mod planes;
 mod present;

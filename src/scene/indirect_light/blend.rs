@@ -1,6 +1,6 @@
 //! Blends the indirect light of two instants.
 
-use super::result::{IndirectLight, Irradiance};
+use super::result::{IndirectLight, Irradiance, NearbyRadiance};
 use glam::Vec3;
 use std::sync::Arc;
 
@@ -53,6 +53,7 @@ impl IndirectLightBlender {
         } else {
             out.on_virtual.clone_from(&to.on_virtual);
         }
+        blend_nearby(&from.nearby, &to.nearby, weight, &mut out.nearby);
         if self.recycled.len() < MAX_RECYCLED {
             self.recycled.push(Arc::clone(&blend));
         }
@@ -65,6 +66,24 @@ fn blend_irradiance(from: &Irradiance, to: &Irradiance, weight: f32, out: &mut I
     for (k, out) in out.volume.iter_mut().enumerate() {
         blend_values(&from.volume[k], &to.volume[k], weight, out);
     }
+}
+
+fn blend_nearby(from: &NearbyRadiance, to: &NearbyRadiance, weight: f32, out: &mut NearbyRadiance) {
+    if !Arc::ptr_eq(&from.points, &to.points) || from.phantoms.len() != to.phantoms.len() {
+        out.clone_from(to);
+        return;
+    }
+    out.points.clone_from(&to.points);
+    out.spacing = to.spacing;
+    blend_values(&from.diffuse, &to.diffuse, weight, &mut out.diffuse);
+    blend_values(&from.total, &to.total, weight, &mut out.total);
+    let sides = from.phantoms.iter().zip(&to.phantoms);
+    out.phantoms.clear();
+    out.phantoms
+        .extend(sides.map(|(a, b)| std::array::from_fn(|side| a[side].lerp(b[side], weight))));
+    let shares = from.ground.iter().zip(&to.ground);
+    out.ground.clear();
+    out.ground.extend(shares.map(|(a, b)| a + (b - a) * weight));
 }
 
 fn blend_values(from: &[Vec3], to: &[Vec3], weight: f32, out: &mut Vec<Vec3>) {
@@ -90,19 +109,26 @@ mod tests {
             real: irradiance.clone(),
             real_now: irradiance,
             on_virtual: SurfaceIrradiance::default(),
+            nearby: NearbyRadiance {
+                phantoms: vec![[Vec3::splat(value); 6]],
+                ground: vec![value],
+                ..NearbyRadiance::default()
+            },
         })
     }
 
     #[test]
     fn blend_is_linear_and_recycles_its_buffers() {
-        let (from, to, mut blender) = (
+        let (from, mut to, mut blender) = (
             light(1, 1.0),
             light(2, 3.0),
             IndirectLightBlender::default(),
         );
+        Arc::make_mut(&mut to).nearby.points = Arc::clone(&from.nearby.points);
         let blend = blender.blend(&from, &to, 0.25);
         assert_eq!(blend.change.ground, vec![Vec3::splat(1.5); 4]);
         assert_eq!(blend.real_now.volume[5], vec![Vec3::splat(6.5); 3]);
+        assert_eq!(blend.nearby.ground, vec![1.5]);
         assert_eq!(blender.blend(&from, &to, 0.0).generation, 1);
         assert_eq!(blender.blend(&from, &to, 1.0).generation, 2);
         let (address, generation) = (Arc::as_ptr(&blend), blend.generation);

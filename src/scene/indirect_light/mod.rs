@@ -26,7 +26,9 @@ mod volume;
 pub use blend::IndirectLightBlender;
 pub use directions::{AXES, side_of};
 pub use obstacles::solid_phantoms;
-pub use result::{GROUND_SIDE, IndirectLight, Irradiance, PhantomRadiance, VOLUME_SIZE};
+pub use result::{
+    GROUND_SIDE, IndirectLight, Irradiance, NearbyRadiance, PhantomRadiance, VOLUME_SIZE,
+};
 pub use surface_grid::{GRID_SIDE, SurfaceGrid, SurfaceIrradiance};
 
 use crate::mesh::Part;
@@ -80,11 +82,14 @@ impl IndirectLightSolver {
         // often for the light between virtual surfaces.
         let still = casters.iter().filter(|_| !moves);
         let receivers = Receivers::new(still, &surfels, &obstacles, &region);
-        let light = IndirectLight {
+        let mut light = IndirectLight {
             low: region.low,
             high: region.high,
             ..IndirectLight::default()
         };
+        if !moves {
+            (light.nearby.points, light.nearby.spacing) = surfels.places();
+        }
         Some(Self {
             surfels,
             sides,
@@ -167,6 +172,16 @@ impl IndirectLightSolver {
             &light,
             &mut self.light.on_virtual,
         );
+        let nearby = &mut self.light.nearby;
+        if !nearby.points.is_empty() {
+            self.surfels.write(nearby);
+        }
+        let sides = |part: usize| {
+            std::array::from_fn(|side| self.sides.shares.radiance((6 * part + side) as u32, &light))
+        };
+        nearby.phantoms.clear();
+        nearby.phantoms.extend((0..phantoms.len()).map(sides));
+        nearby.ground.clone_from(&self.ground.shares.0);
     }
 
     /// The indirect light of the last update.

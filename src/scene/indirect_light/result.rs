@@ -2,6 +2,7 @@
 
 use super::surface_grid::SurfaceIrradiance;
 use glam::Vec3;
+use std::sync::Arc;
 
 /// Number of texels along a side of the ground grid.
 pub const GROUND_SIDE: u32 = 64;
@@ -26,6 +27,27 @@ pub struct IndirectLight {
     /// Irradiance on virtual surfaces that stand still, by light of all other surfaces, minus the
     /// light of the ground that those hide or darken.
     pub on_virtual: SurfaceIrradiance,
+    /// Radiance of the surfaces around virtual ones, for reflections of them.
+    pub nearby: NearbyRadiance,
+}
+
+/// Radiance of the surfaces close by in the presence of the virtual objects, in scene camera units.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct NearbyRadiance {
+    /// Points that are distributed evenly over virtual surfaces that stand still: position (world,
+    /// metres) and unit normal.
+    pub points: Arc<Vec<(Vec3, Vec3)>>,
+    /// Mean distance of neighbouring points, metres.
+    pub spacing: f32,
+    /// At each point: radiance that is reflected diffusely or emitted.
+    pub diffuse: Vec<Vec3>,
+    /// The same with specular reflection as if it were diffuse.
+    pub total: Vec<Vec3>,
+    /// Mean radiance of the sides of phantoms, like [`PhantomRadiance`].
+    pub phantoms: Vec<[Vec3; 6]>,
+    /// Share of the dome's light that virtual objects leave to the ground, like
+    /// [`Irradiance::ground`].
+    pub ground: Vec<f32>,
 }
 
 /// Irradiance around the virtual objects, linear RGB.

@@ -3,12 +3,14 @@
 use super::directions::Directions;
 use super::obstacles::{FirstHit, Obstacles, SurfacePoint};
 use super::region::Region;
+use super::result::NearbyRadiance;
 use super::sampling::{point_in, world_triangles};
 use super::shares::{DistantLight, GroundShares, SideShares, ground_texel};
 use super::surface::Surface;
 use crate::mesh::Part;
 use glam::Vec3;
 use std::f32::consts::PI;
+use std::sync::Arc;
 
 /// Number of surfels on all objects together.
 const COUNT: usize = 1024;
@@ -60,6 +62,8 @@ pub(super) struct Surfels {
     compact: CompactSources,
     /// Distance of a ray's origin from its surface, metres.
     offset: f32,
+    /// Mean distance of neighbours, metres.
+    spacing: f32,
 }
 
 impl Surfels {
@@ -70,7 +74,7 @@ impl Surfels {
         region: &Region,
         moves: bool,
     ) -> Self {
-        let mut all = distribute(casters, if moves { COUNT_MOVING } else { COUNT });
+        let (mut all, share) = distribute(casters, if moves { COUNT_MOVING } else { COUNT });
         let is_inside: Vec<bool> = all
             .iter()
             .map(|s| is_inside(s, &all, obstacles, directions, region))
@@ -94,7 +98,20 @@ impl Surfels {
             previous: dark,
             compact: CompactSources::default(),
             offset: region.offset(),
+            spacing: share.sqrt(),
         }
+    }
+
+    /// Positions and normals of all surfels, and the mean distance of neighbours, metres.
+    pub fn places(&self) -> (Arc<Vec<(Vec3, Vec3)>>, f32) {
+        let places = self.all.iter().map(|s| (s.position, s.normal)).collect();
+        (Arc::new(places), self.spacing)
+    }
+
+    /// Writes the radiance of all surfels.
+    pub fn write(&self, to: &mut NearbyRadiance) {
+        to.diffuse.clone_from(&self.radiance);
+        to.total.clone_from(&self.total);
     }
 
     /// Returns the reflecting point at `hit` of a ray along `direction`.
@@ -233,8 +250,8 @@ impl CompactSources {
     }
 }
 
-/// Distributes surfels over the triangles by area.
-fn distribute(parts: &[Part], count: usize) -> Vec<Surfel> {
+/// Distributes surfels over the triangles by area; also returns the area of each, m².
+fn distribute(parts: &[Part], count: usize) -> (Vec<Surfel>, f32) {
     let corners: Vec<(usize, [Vec3; 3])> = parts
         .iter()
         .enumerate()
@@ -255,7 +272,7 @@ fn distribute(parts: &[Part], count: usize) -> Vec<Surfel> {
             surfels.push(surfel(triangle, surfels.len(), surfaces[*part]));
         }
     }
-    surfels
+    (surfels, step)
 }
 
 fn surfel(t: &[Vec3; 3], index: usize, surface: Surface) -> Surfel {

@@ -1,0 +1,15 @@
+//! What glossy surfaces mirror of their neighbourhood: phantoms, other virtual objects, themselves.
+//!
+//! The environment is seen from one place; what is close by looks different from every surface. The
+//! processor traces mirror rays from the glossy surfaces that the camera sees, on a lattice of
+//! pixels, and the composite looks the result up. On every adapter the processor does it: a
+//! software driver would read the hierarchy's boxes lane by lane.
+
+mod bvh;
+mod nearby_scene;
+mod radiance;
+mod stage;
+mod trace;
+
+pub use nearby_scene::NearbyScene;
+pub use stage::{ReflectionTiles, ReflectionsStage};

@@ -1,0 +1,644 @@
+//! Mirror rays: what glossy surfaces that the camera sees reflect of their neighbourhood.
+//!
+//! A lobe is divided into parts of equal weight, each with a ray: the camera's ray is reflected
+//! about half vectors n + α s, with slopes s at the quantiles of GGX's distribution,
+//! |s| = √(u / (1 − u)). What a ray meets before the ground counts as close by:
+//!
+//! ```text
+//!   L = open · L_far  +  light  +  seen · L_picture(p + d · metres)
+//! ```
+//!
+//! L_far, environment and ground, is looked up by the composite. `light` is the mean radiance of
+//! virtual surfaces and of phantoms that the camera does not see, of each over all rays. Where the
+//! camera sees a phantom, `seen` is the share of the rays that meet it and `metres` their mean
+//! length: the composite looks up the picture there.
+
+use super::bvh::{LANES, Lanes, Rays};
+use super::nearby_scene::{Met, NearbyScene, Surface};
+use super::radiance::NearbyLight;
+use glam::{Mat3, Vec2, Vec3};
+use penumbra_camera::PinholeCamera;
+use penumbra_interface::RigidTransform;
+use penumbra_numerics::smoothstep;
+
+/// Lobes narrower than this are traced by one ray.
+const MIRROR: f32 = 0.015;
+/// Sine of the least angle between a mirror ray and the triangle from which it starts.
+const LEAST_ELEVATION: f32 = 0.01;
+/// Share of the distance to the camera that is free if nothing hides a point.
+const FREE: f32 = 1.0 - 1e-3;
+/// Part of the picture's width over which reflections of the picture fade towards its edges.
+const FADE: f32 = 0.05;
+/// Angle between successive points of a spiral.
+const GOLDEN: f32 = 2.399_963_2;
+
+/// What the surface behind a point of the picture mirrors of its neighbourhood.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Nearby {
+    /// Radiance that the picture does not show.
+    pub light: Vec3,
+    /// Share of the rays that meet nothing close by.
+    pub open: f32,
+    /// Share of the rays that meet what the picture shows.
+    pub seen: f32,
+    /// Mean length of those, metres.
+    pub metres: f32,
+    /// Distance of the surface along the camera's axis, metres; 0 without a glossy surface.
+    pub z: f32,
+}
+
+impl Nearby {
+    /// No glossy surface.
+    pub const NOTHING: Self = Self {
+        light: Vec3::ZERO,
+        open: 1.0,
+        seen: 0.0,
+        metres: 0.0,
+        z: 0.0,
+    };
+}
+
+/// The camera of a frame without distortion.
+pub struct View {
+    camera: PinholeCamera,
+    eye: Vec3,
+    world_from_camera: Mat3,
+}
+
+impl View {
+    pub fn new(camera: &PinholeCamera, pose: RigidTransform) -> Self {
+        Self {
+            camera: camera.clone(),
+            eye: pose.translation.as_vec3(),
+            world_from_camera: Mat3::from_quat(pose.rotation.as_quat()),
+        }
+    }
+
+    /// The direction of a pixel, 1 long along the camera's axis.
+    fn through(&self, pixel: Vec2) -> Vec3 {
+        let (focal, centre) = (self.camera.focal.as_vec2(), self.camera.centre.as_vec2());
+        self.world_from_camera * ((pixel - centre) / focal).extend(1.0)
+    }
+
+    /// 1 where the picture shows `p`, 0 beside it, in between at its edges.
+    fn inside(&self, p: Vec3) -> f32 {
+        let own = self.world_from_camera.transpose() * (p - self.eye);
+        if own.z <= 0.0 {
+            return 0.0;
+        }
+        let (focal, centre) = (self.camera.focal.as_vec2(), self.camera.centre.as_vec2());
+        let size = Vec2::new(self.camera.width as f32, self.camera.height as f32);
+        let uv = (own.truncate() / own.z * focal + centre + 0.5) / size;
+        smoothstep(0.0, FADE, uv.min(1.0 - uv).min_element())
+    }
+}
+
+/// Everything that rays meet.
+pub struct Tracer<'a> {
+    pub scene: &'a NearbyScene,
+    pub light: NearbyLight<'a>,
+    pub view: View,
+    /// The slopes of half vectors, in units of the lobe's width, of the rays for a lobe.
+    pub slopes: &'a [Vec2],
+}
+
+/// The slopes for `count` rays: quantiles of GGX's distribution on a spiral.
+pub fn slopes(count: usize) -> Vec<Vec2> {
+    let slope = |number: usize| {
+        let u = (number as f32 + 0.5) / count as f32;
+        Vec2::from_angle(GOLDEN * number as f32) * (u / (1.0 - u)).sqrt()
+    };
+    (0..count).map(slope).collect()
+}
+
+/// A glossy surface that the camera sees.
+struct Mirror<'a> {
+    point: Vec3,
+    /// From the camera, unit length.
+    incident: Vec3,
+    /// Unit vectors across the shading normal.
+    across: (Vec3, Vec3),
+    met: Met<'a>,
+    /// Weight of its rays, and the weighted sum of the lengths of those that meet what is seen.
+    weight: f32,
+    metres: f32,
+    sum: Nearby,
+}
+
+/// A packet of rays that not all lanes have.
+struct Packet {
+    rays: Rays,
+    farthest: Lanes,
+}
+
+impl Packet {
+    const fn new() -> Self {
+        Self {
+            rays: Rays {
+                origin: [[0.0; LANES]; 3],
+                direction: [[1.0; LANES]; 3],
+            },
+            farthest: [-1.0; LANES],
+        }
+    }
+
+    fn set(&mut self, lane: usize, origin: Vec3, direction: Vec3, farthest: f32) {
+        for axis in 0..3 {
+            self.rays.origin[axis][lane] = origin[axis];
+            self.rays.direction[axis][lane] = direction[axis];
+        }
+        self.farthest[lane] = farthest;
+    }
+
+    /// The point of a ray at a distance.
+    fn point(&self, lane: usize, distance: f32) -> Vec3 {
+        lane_of(&self.rays.origin, lane) + lane_of(&self.rays.direction, lane) * distance
+    }
+
+    fn is_empty(&self) -> bool {
+        self.farthest.iter().all(|far| *far < 0.0)
+    }
+}
+
+/// A reflection in a surface that a mirror ray has met.
+struct Second {
+    reflectance: Vec3,
+    direction: Vec3,
+    origin: Vec3,
+    width: f32,
+}
+
+impl Tracer<'_> {
+    /// What the surfaces behind some pixels mirror.
+    pub fn trace(&self, pixels: [Vec2; LANES]) -> [Nearby; LANES] {
+        let mut packet = Packet::new();
+        let directions = pixels.map(|pixel| self.view.through(pixel));
+        for (lane, direction) in directions.iter().enumerate() {
+            packet.set(lane, self.view.eye, *direction, f32::MAX);
+        }
+        let found = self.scene.nearest(&packet.rays, packet.farthest);
+        let mut mirrors: [Option<Mirror<'_>>; LANES] = std::array::from_fn(|lane| {
+            let met = found[lane].filter(|met| met.surface.is_glossy)?;
+            Some(Mirror {
+                point: self.view.eye + directions[lane] * met.distance,
+                incident: directions[lane].normalize(),
+                across: met.shading_normal.any_orthonormal_pair(),
+                met,
+                weight: 0.0,
+                metres: 0.0,
+                sum: Nearby {
+                    open: 0.0,
+                    z: met.distance,
+                    ..Nearby::NOTHING
+                },
+            })
+        });
+        if mirrors.iter().all(Option::is_none) {
+            return [Nearby::NOTHING; LANES];
+        }
+        for number in 0..self.slopes.len() {
+            self.reflect(number, &mut mirrors);
+        }
+        mirrors.map(|mirror| mirror.map_or(Nearby::NOTHING, Mirror::mean))
+    }
+
+    /// Traces ray `number` of each mirror.
+    fn reflect(&self, number: usize, mirrors: &mut [Option<Mirror<'_>>; LANES]) {
+        let mut packet = Packet::new();
+        for (lane, mirror) in mirrors.iter_mut().enumerate() {
+            let ray = mirror.as_mut().and_then(|m| m.ray(number, self.slopes));
+            if let (Some(mirror), Some(direction)) = (mirror, ray) {
+                mirror.weight += 1.0;
+                let origin = mirror.point + mirror.met.normal * self.scene.lift;
+                packet.set(lane, origin, direction, self.to_ground(origin, direction));
+            }
+        }
+        if packet.is_empty() {
+            return;
+        }
+        let found = self.scene.nearest(&packet.rays, packet.farthest);
+        let mut to_eye = Packet::new();
+        let mut seconds: [Option<Second>; LANES] = std::array::from_fn(|_| None);
+        for (lane, mirror) in mirrors.iter_mut().enumerate() {
+            let Some(mirror) = mirror.as_mut().filter(|_| packet.farthest[lane] > 0.0) else {
+                continue;
+            };
+            let Some(met) = &found[lane] else {
+                // The picture shows the ground there, unless a phantom hides it.
+                let point = packet.point(lane, packet.farthest[lane]);
+                if packet.farthest[lane] < f32::MAX && self.view.inside(point) > 0.0 {
+                    let from = point + Vec3::Z * self.scene.lift;
+                    to_eye.set(lane, from, self.view.eye - from, FREE);
+                } else {
+                    mirror.sum.open += 1.0;
+                }
+                continue;
+            };
+            let direction = lane_of(&packet.rays.direction, lane);
+            let point = packet.point(lane, met.distance);
+            let from = point + met.normal * self.scene.lift;
+            if met.surface.phantom.is_some() && met.surface.f0 == Vec3::ZERO {
+                to_eye.set(lane, from, self.view.eye - from, FREE);
+                continue;
+            }
+            mirror.sum.light += self.direct(point, met);
+            seconds[lane] = second(met, from, direction, mirror.met.surface.width);
+        }
+        self.look(&to_eye, &found, mirrors);
+        self.reflect_again(&seconds, mirrors);
+    }
+
+    /// Distance to the ground along a ray; without ground, far away.
+    fn to_ground(&self, origin: Vec3, direction: Vec3) -> f32 {
+        let height = self.scene.ground.filter(|_| direction.z < 0.0);
+        let distance = height.map_or(f32::MAX, |height| (height - origin.z) / direction.z);
+        distance.max(0.0)
+    }
+
+    /// Light of a virtual surface, or of a real mirror, that does not come from its own mirror ray.
+    fn direct(&self, point: Vec3, met: &Met<'_>) -> Vec3 {
+        if met.surface.phantom.is_some() {
+            return Vec3::ZERO;
+        }
+        let surface = met.surface;
+        self.light.diffuse(point, met.shading_normal, surface)
+    }
+
+    /// Adds the phantoms and the ground that mirror rays have met: as the camera sees them, or
+    /// their mean radiance.
+    fn look(
+        &self,
+        to_eye: &Packet,
+        found: &[Option<Met<'_>>; LANES],
+        mirrors: &mut [Option<Mirror<'_>>; LANES],
+    ) {
+        if to_eye.is_empty() {
+            return;
+        }
+        let hidden = self.scene.is_hidden(&to_eye.rays, to_eye.farthest);
+        for (lane, mirror) in mirrors.iter_mut().enumerate() {
+            let Some(mirror) = mirror.as_mut().filter(|_| to_eye.farthest[lane] > 0.0) else {
+                continue;
+            };
+            let point = to_eye.point(lane, 0.0);
+            let towards = lane_of(&to_eye.rays.direction, lane);
+            let Some(met) = &found[lane] else {
+                if hidden[lane] {
+                    mirror.sum.light += self.light.mean_ground(point);
+                } else {
+                    mirror.sum.open += 1.0;
+                }
+                continue;
+            };
+            let faces = met.normal.dot(towards) > 0.0;
+            let seen = if faces && !hidden[lane] {
+                self.view.inside(point)
+            } else {
+                0.0
+            };
+            let number = met.surface.phantom.unwrap_or_default();
+            mirror.sum.light += self.light.phantom(number, met.normal) * (1.0 - seen);
+            mirror.sum.seen += seen;
+            mirror.metres += seen * met.distance;
+        }
+    }
+
+    /// Adds what the surfaces that mirror rays have met reflect themselves.
+    fn reflect_again(
+        &self,
+        seconds: &[Option<Second>; LANES],
+        mirrors: &mut [Option<Mirror<'_>>; LANES],
+    ) {
+        let mut packet = Packet::new();
+        for (lane, second) in seconds.iter().enumerate() {
+            if let Some(Second {
+                origin, direction, ..
+            }) = second
+            {
+                packet.set(
+                    lane,
+                    *origin,
+                    *direction,
+                    self.to_ground(*origin, *direction),
+                );
+            }
+        }
+        if packet.is_empty() {
+            return;
+        }
+        let found = self.scene.nearest(&packet.rays, packet.farthest);
+        for (lane, mirror) in mirrors.iter_mut().enumerate() {
+            let (Some(mirror), Some(second)) = (mirror, &seconds[lane]) else {
+                continue;
+            };
+            let along = |distance: f32| second.origin + second.direction * distance;
+            let arriving = match &found[lane] {
+                Some(met) => match met.surface.phantom {
+                    Some(number) => self.light.phantom(number, met.normal),
+                    None => {
+                        let at = along(met.distance);
+                        self.light.total(at, met.shading_normal, met.surface)
+                    }
+                },
+                None if packet.farthest[lane] < f32::MAX => {
+                    self.light.ground(along(packet.farthest[lane]))
+                }
+                None => self.light.sky(second.direction, second.width),
+            };
+            mirror.sum.light += second.reflectance * arriving;
+        }
+    }
+}
+
+impl Mirror<'_> {
+    /// Direction of ray `number`; `None` below the surface, where the lobe ends.
+    fn ray(&self, number: usize, slopes: &[Vec2]) -> Option<Vec3> {
+        let n = self.met.shading_normal;
+        let width = self.met.surface.width;
+        if width < MIRROR || slopes.len() == 1 {
+            let mirrored = self.incident.reflect(n);
+            return (number == 0).then(|| lifted(mirrored, self.met.normal));
+        }
+        let slope = width * slopes[number];
+        let (right, up) = self.across;
+        let half = (n + right * slope.x + up * slope.y).normalize();
+        let direction = self.incident.reflect(half);
+        let is_above = half.dot(self.incident) < 0.0 && direction.dot(n) > 0.0;
+        // The first ray is nearest to the mirror direction: no lobe is without any.
+        (is_above || number == 0).then(|| lifted(direction, self.met.normal))
+    }
+
+    fn mean(self) -> Nearby {
+        let scale = 1.0 / self.weight.max(1.0);
+        let Nearby {
+            light,
+            open,
+            seen,
+            z,
+            ..
+        } = self.sum;
+        Nearby {
+            light: light * scale,
+            open: open * scale,
+            seen: seen * scale,
+            metres: self.metres / seen.max(1e-6),
+            z,
+        }
+    }
+}
+
+/// A direction that points away from a triangle with normal `n`: interpolated normals may reflect
+/// it into the surface.
+fn lifted(direction: Vec3, n: Vec3) -> Vec3 {
+    let elevation = direction.dot(n);
+    if elevation >= LEAST_ELEVATION {
+        return direction;
+    }
+    (direction + n * (LEAST_ELEVATION - elevation)).normalize()
+}
+
+/// The reflection in a surface at `from`; `None` if it reflects nothing specularly. The lobes of
+/// both surfaces, the first as wide as `width`, blur it.
+fn second(met: &Met<'_>, from: Vec3, direction: Vec3, width: f32) -> Option<Second> {
+    let Surface { f0, width: own, .. } = *met.surface;
+    (f0 != Vec3::ZERO).then(|| {
+        let n = met.shading_normal;
+        Second {
+            reflectance: met.surface.fresnel(-direction.dot(n)),
+            direction: lifted(direction.reflect(n), met.normal),
+            origin: from,
+            width: (own * own + width * width).sqrt(),
+        }
+    })
+}
+
+fn lane_of(vectors: &[Lanes; 3], lane: usize) -> Vec3 {
+    Vec3::from_array([0, 1, 2].map(|axis| vectors[axis][lane]))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::super::frame_input::FrameInput;
+    use super::super::radiance::PointGrid;
+    use super::*;
+    use glam::{DMat3, DMat4, DQuat, DVec2, DVec3};
+    use penumbra_camera::Response;
+    use penumbra_interface::MonotonicTime;
+    use penumbra_lighting::{CubeMap, Harmonics, Lighting};
+    use penumbra_picture::Picture;
+    use penumbra_scene::indirect_light::NearbyRadiance;
+    use penumbra_scene::{IndirectLight, Material, Mesh, Part, Scene, primitives};
+    use std::sync::Arc;
+
+    const EYE: Vec3 = Vec3::new(0.0, -0.5, 0.4);
+
+    fn part(mesh: Mesh, at: Vec3, material: Material) -> Part {
+        Part {
+            name: "part".to_owned(),
+            mesh: Arc::new(mesh),
+            material: Arc::new(material),
+            world_from_part: DMat4::from_translation(at.as_dvec3()),
+            mirror: false,
+            albedo: None,
+        }
+    }
+
+    fn mirror() -> Material {
+        Material {
+            metallic: 1.0,
+            roughness: 0.0,
+            ..Material::default()
+        }
+    }
+
+    /// A mirror of a square metre about the origin, level or facing the camera's side.
+    fn level_mirror() -> Part {
+        part(primitives::plane(1.0, 1.0), Vec3::ZERO, mirror())
+    }
+
+    fn scene(virtual_parts: Vec<Part>, phantom_parts: Vec<Part>) -> Scene {
+        Scene {
+            virtual_parts,
+            phantom_parts,
+            ..Scene::default()
+        }
+    }
+
+    fn camera() -> PinholeCamera {
+        PinholeCamera {
+            width: 200,
+            height: 200,
+            focal: DVec2::splat(150.0),
+            centre: DVec2::splat(99.5),
+            distortion: [0.0; 5],
+        }
+    }
+
+    fn pose() -> RigidTransform {
+        let forward = -EYE.as_dvec3().normalize();
+        let right = forward.cross(DVec3::Z).normalize();
+        let axes = DMat3::from_cols(right, forward.cross(right), forward);
+        RigidTransform::new(DQuat::from_mat3(&axes), EYE.as_dvec3())
+    }
+
+    /// What the surface mirrors at each of `points`, under a sky of radiance 1 and with phantoms of
+    /// radiance 0.25.
+    fn mirrored(scene: &Scene, rays: usize, points: &[Vec3]) -> Vec<Nearby> {
+        let (camera, pose) = (camera(), pose());
+        let picture = Picture {
+            width: 200,
+            height: 200,
+            rgba: vec![255; 160_000],
+        };
+        let lighting = Lighting {
+            captured_at: MonotonicTime::from_nanos(0),
+            generation: 1,
+            radiance: Arc::new(CubeMap {
+                size: 1,
+                levels: vec![vec![[1.0; 3]; 6]],
+                ..CubeMap::default()
+            }),
+            irradiance: Harmonics::default(),
+            lights: Vec::new(),
+            ground_radiance: Vec3::splat(0.5),
+            faces: None,
+        };
+        let near = IndirectLight {
+            generation: 1,
+            nearby: NearbyRadiance {
+                phantoms: vec![[Vec3::splat(0.25); 6]; 4],
+                ..NearbyRadiance::default()
+            },
+            ..IndirectLight::default()
+        };
+        let input = FrameInput {
+            world_from_camera: Some(pose),
+            lighting: Some(&lighting),
+            indirect_light: Some(&near),
+            ..FrameInput::new(&picture, &camera)
+        };
+        let (response, grid) = (Response::srgb(), PointGrid::default());
+        let tracer = Tracer {
+            scene: &NearbyScene::new(scene).expect("glossy"),
+            light: NearbyLight::new(&input, &response, &grid).expect("lit"),
+            view: View::new(&camera, pose),
+            slopes: &slopes(rays),
+        };
+        let pixel = |p: &Vec3| {
+            let own = pose.inverse().transform_point(p.as_dvec3());
+            camera.project(own).expect("in front").as_vec2()
+        };
+        points
+            .iter()
+            .map(|p| tracer.trace([pixel(p); LANES])[LANES - 1])
+            .collect()
+    }
+
+    /// The point of the level mirror in which `p` appears.
+    fn image_of(p: Vec3) -> Vec3 {
+        let image = p * Vec3::new(1.0, 1.0, -1.0);
+        EYE + (image - EYE) * (EYE.z / (EYE.z - image.z))
+    }
+
+    #[test]
+    fn mirror_shows_a_box_that_the_camera_sees_at_its_true_place() {
+        // Its front is at y = 0.2, its top at z = 0.1.
+        let size = Vec3::new(0.4, 0.1, 0.1);
+        let body = part(
+            primitives::cuboid(size),
+            Vec3::new(0.0, 0.25, 0.0),
+            Material::default(),
+        );
+        let scene = scene(vec![level_mirror()], vec![body]);
+        let front = Vec3::new(0.05, 0.2, 0.06);
+        let above = Vec3::new(0.05, 0.2, 0.11);
+        let beside = Vec3::new(0.22, 0.2, 0.06);
+        let at = [front, above, beside].map(image_of);
+        let [front_seen, above_seen, beside_seen] = mirrored(&scene, 1, &at)[..] else {
+            panic!("three points");
+        };
+        assert!(front_seen.seen > 0.99 && front_seen.open < 0.01);
+        assert!((front_seen.metres - at[0].distance(front)).abs() < 1e-4);
+        assert!(front_seen.light.length() < 0.01);
+        for open in [above_seen, beside_seen] {
+            assert_eq!((open.open, open.seen, open.light), (1.0, 0.0, Vec3::ZERO));
+        }
+    }
+
+    #[test]
+    fn side_that_the_camera_does_not_see_has_its_mean_radiance() {
+        // Above the camera, seen from below in the mirror alone.
+        let body = part(
+            primitives::cuboid(Vec3::splat(0.1)),
+            Vec3::new(0.0, 0.3, 0.9),
+            Material::default(),
+        );
+        let scene = scene(vec![level_mirror()], vec![body]);
+        let lowest = image_of(Vec3::new(0.0, 0.3, 0.9));
+        let found = mirrored(&scene, 1, &[lowest])[0];
+        assert_eq!((found.open, found.seen), (0.0, 0.0));
+        assert!((found.light - 0.25).length() < 1e-6, "{found:?}");
+    }
+
+    #[test]
+    fn virtual_surfaces_mirror_each_other_twice() {
+        let lamp = Material {
+            emissive: Vec3::new(0.0, 2.0, 0.0),
+            base_colour: Vec3::ZERO.extend(1.0),
+            specular: 0.0,
+            ..Material::default()
+        };
+        let at = Vec3::new(0.0, 0.25, 0.0);
+        let cube = |material| part(primitives::cuboid(Vec3::splat(0.1)), at, material);
+        let front = image_of(Vec3::new(0.0, 0.2, 0.05));
+        let lit = mirrored(
+            &scene(vec![level_mirror(), cube(lamp)], Vec::new()),
+            1,
+            &[front],
+        )[0];
+        assert_eq!((lit.open, lit.seen), (0.0, 0.0));
+        assert!((lit.light - Vec3::new(0.0, 2.0, 0.0)).length() < 1e-5);
+        // A mirrored front shows the sky behind the camera.
+        let twice = scene(vec![level_mirror(), cube(mirror())], Vec::new());
+        let twice = mirrored(&twice, 1, &[front])[0];
+        assert!((twice.light - 1.0).length() < 1e-4, "{twice:?}");
+    }
+
+    #[test]
+    fn shares_of_a_lobe_add_up_to_one_without_any_loss() {
+        let rough = Material {
+            metallic: 1.0,
+            roughness: 0.5,
+            ..Material::default()
+        };
+        let floor = part(primitives::plane(1.0, 1.0), Vec3::ZERO, rough);
+        let wall = part(
+            primitives::cuboid(Vec3::new(0.6, 0.1, 0.12)),
+            Vec3::new(0.0, 0.25, 0.0),
+            Material::default(),
+        );
+        let scene = scene(vec![floor], vec![wall]);
+        let points: Vec<Vec3> = (0..20)
+            .map(|i| Vec3::new(0.02 * i as f32 - 0.2, 0.1, 0.0))
+            .collect();
+        for found in mirrored(&scene, 12, &points) {
+            // What is not open or seen has the phantoms' mean.
+            let mean = (1.0 - found.open - found.seen) * 0.25;
+            assert!((found.light - mean).length() < 1e-5, "{found:?}");
+            assert!(found.open > 0.05 && found.seen > 0.05, "{found:?}");
+        }
+    }
+
+    #[test]
+    fn rough_scenes_have_nothing_to_trace() {
+        let matt = part(
+            primitives::plane(1.0, 1.0),
+            Vec3::ZERO,
+            Material {
+                roughness: 0.5,
+                ..Material::default()
+            },
+        );
+        assert!(NearbyScene::new(&scene(vec![matt], Vec::new())).is_none());
+    }
+}

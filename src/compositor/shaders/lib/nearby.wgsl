@@ -1,0 +1,49 @@
+// What glossy surfaces mirror of their neighbourhood, by rays that the processor has traced on a
+// lattice of pixels. Twin of `reflections::stage`.
+
+// Light, open, seen, seen times metres as half floats; distance along the camera's axis, 0 without
+// a glossy surface.
+@group(3) @binding(6) var nearby: texture_2d<u32>;
+
+struct Nearby {
+    // Radiance of what the picture does not show.
+    light: vec3f,
+    // Share of the lobe that meets nothing close by.
+    open: f32,
+    // Share that meets what the picture shows, and its mean distance, metres.
+    seen: f32,
+    metres: f32,
+}
+
+// Difference of distance, as a share of it, from which two points belong to different surfaces.
+const SAME_DISTANCE: f32 = 0.01;
+
+// At a place in the picture that shows a surface `z` metres along the view.
+fn nearby_at(at: vec2f, z: f32) -> Nearby {
+    let last = vec2i(textureDimensions(nearby)) - vec2i(1);
+    let place = (at + 0.5) / NEARBY_STEP - 0.5;
+    let corner = floor(place);
+    let part = place - corner;
+    var light = vec3f(0.0);
+    var shares = vec3f(0.0);
+    var weight = 0.0;
+    for (var k = 0; k < 4; k++) {
+        let o = vec2i(k & 1, k >> 1u);
+        let texel = textureLoad(nearby, clamp(vec2i(corner) + o, vec2i(0), last), 0);
+        let there = bitcast<f32>(texel.w);
+        let across = select(vec2f(1.0) - part, part, o == vec2i(1));
+        let apart = (there - z) / (SAME_DISTANCE * z);
+        let square = apart * apart;
+        let w = select(0.0, (across.x * across.y + 1e-4) / (1.0 + square * square), there > 0.0);
+        let rg = unpack2x16float(texel.x);
+        let b_open = unpack2x16float(texel.y);
+        light += vec3f(rg, b_open.x) * w;
+        shares += vec3f(b_open.y, unpack2x16float(texel.z)) * w;
+        weight += w;
+    }
+    let scale = 1.0 / max(weight, 1e-12);
+    let found = weight > 1e-9;
+    let open = select(1.0, shares.x * scale, found);
+    let seen = select(0.0, shares.y * scale, found);
+    return Nearby(light * scale, open, seen, shares.z / max(shares.y, 1e-9));
+}
