@@ -25,6 +25,9 @@ const MAX_ENTRY_DELAY_NANOS: i64 = 2_000_000_000;
 /// Maximum number of bytes read ahead in search of a journal entry.
 const MAX_READ_AHEAD_BYTES: usize = 64 << 20;
 
+/// Maximum number of damaged parts that wait to be taken.
+const MAX_DAMAGE: usize = 1024;
+
 /// Pairs the events of a recording or of live devices.
 pub struct Feed {
     origin: Origin,
@@ -34,6 +37,8 @@ pub struct Feed {
     sphere_in_scene: bool,
     counts: FeedCounts,
     tracker: Counters,
+    /// Damaged parts of the recording that nobody has taken yet.
+    damage: Vec<SessionError>,
 }
 
 enum Origin {
@@ -111,6 +116,7 @@ impl Feed {
             origin,
             counts: FeedCounts::default(),
             tracker: Counters::default(),
+            damage: Vec::new(),
         }
     }
 
@@ -176,8 +182,13 @@ impl Feed {
             }
             match recorded.next() {
                 Some(Ok(event)) => self.push(event, monitor.as_deref_mut()),
-                // The reader continues behind the damaged section; the status counts it.
-                Some(Err(_)) => self.counts.damaged += 1,
+                // The reader continues behind the damaged section.
+                Some(Err(error)) => {
+                    self.counts.damaged += 1;
+                    if self.damage.len() < MAX_DAMAGE {
+                        self.damage.push(error);
+                    }
+                }
                 None => {
                     recorded.is_exhausted = true;
                     self.pairing.finish();
@@ -292,6 +303,11 @@ impl Feed {
     fn retire_decoder(&mut self) {
         self.tracker = self.tracker_counters();
         self.decoder = None;
+    }
+
+    /// Takes the damaged parts of the recording that were skipped since the last call.
+    pub fn take_damage(&mut self) -> Vec<SessionError> {
+        std::mem::take(&mut self.damage)
     }
 
     /// Returns the counts of received data so far.

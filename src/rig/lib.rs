@@ -23,6 +23,7 @@
 
 // What a run is made of.
 mod context;
+mod damage;
 mod error;
 mod markers;
 mod settings;
@@ -66,6 +67,7 @@ pub mod simulate;
 pub mod wall_date;
 
 pub use context::RunOptions;
+pub use damage::{DamagedPart, LostCounts};
 pub use error::RigError;
 pub use penumbra_output::Screen;
 pub use recorder::Recorder;

@@ -33,6 +33,7 @@ use penumbra_interface::threads;
 use penumbra_interface::{MonotonicTime, RigidTransform};
 use penumbra_picture::{Picture, YuvEncoding, decode_into};
 use penumbra_registration::TrackerPose;
+use penumbra_session::SessionError;
 use penumbra_status::{RegistrationStatus, Settings};
 use penumbra_sync::{PairingConfig, RigFrame};
 use std::ops::RangeInclusive;
@@ -65,6 +66,8 @@ pub enum PreparationEvent {
     Skipped,
     /// A picture could not be decoded.
     Damaged,
+    /// A damaged part of the recording was skipped.
+    DamagedPart(Box<SessionError>),
     /// No camera has delivered a picture for a while.
     Idle(Box<Counts>),
     /// The recording has ended; another loop may follow.
@@ -268,7 +271,13 @@ impl Worker {
             if request.is_some_and(|request| request.is_err()) {
                 return false;
             }
-            let event = match self.feed.next_picture(self.latency.as_mut()) {
+            let next = self.feed.next_picture(self.latency.as_mut());
+            for error in self.feed.take_damage() {
+                if !self.send(PreparationEvent::DamagedPart(Box::new(error))) {
+                    return false;
+                }
+            }
+            let event = match next {
                 Next::Item(frame) => self.step(*frame),
                 Next::Idle => PreparationEvent::Idle(Box::new(self.counts(false))),
                 Next::Ended => return true,

@@ -3,6 +3,7 @@
 mod recovery;
 
 use crate::context::RunContext;
+use crate::damage::DamageLog;
 use crate::display::DisplayLatency;
 use crate::error::RigError;
 use crate::frame::{Counts, PreparedFrame};
@@ -75,6 +76,7 @@ pub(super) struct Run {
     requested: tokio::sync::watch::Receiver<Settings>,
     stages: StageTimes,
     pub frames: FrameCounts,
+    pub damage: DamageLog,
     inputs: InputCounts,
     counts: Option<Counts>,
     latency: LatencyState,
@@ -129,6 +131,10 @@ impl Run {
             requested: context.status.settings_receiver(),
             stages: StageTimes::default(),
             frames: FrameCounts::default(),
+            damage: match &context.source {
+                Source::Recorded(session) => DamageLog::new(session.damage(), &context.status),
+                Source::Live(_) => DamageLog::default(),
+            },
             inputs: InputCounts::default(),
             counts: None,
             latency: LatencyState::default(),
@@ -220,6 +226,7 @@ impl Run {
             prepared,
             stages: &self.stages,
             frames: &self.frames,
+            lost: self.damage.counts,
             rates: &self.rates,
             played: context.source.share_played(prepared.frame.scene.arrived_at),
             settings: &self.settings,
@@ -391,6 +398,7 @@ impl Run {
     pub fn finish_loop(&mut self, context: &RunContext, counts: &Counts) {
         self.add(counts);
         self.counts = None;
+        self.damage.complete();
         context.status.update(|s| s.session.loops += 1);
     }
 
@@ -435,6 +443,9 @@ impl Run {
         if let Some(poses) = self.poses {
             poses.finish()?;
         }
+        self.frames.lost = self.damage.counts.scene_frames;
+        self.inputs.lost_environment_frames = self.damage.counts.environment_frames;
+        self.inputs.lost_tracker_messages = self.damage.counts.tracker_messages;
         let (width, height) = self.compositor.size().unwrap_or_default();
         let (lights, compact_lights) = self.light.count();
         Ok(Report {
@@ -446,6 +457,7 @@ impl Run {
             resolution: [width, height],
             frames: self.frames,
             inputs: self.inputs,
+            damage: self.damage.parts,
             skew_ms: self.skew.skew(),
             tracker_latency: crate::latency_status::report(&self.latency),
             white_balance: self.light.white_balance.map(|status| (*status).clone()),

@@ -1,5 +1,6 @@
 //! Publishes the state of a run in the status.
 
+use crate::damage::LostCounts;
 use crate::frame::PreparedFrame;
 use crate::latency_status;
 use crate::light::state::LightState;
@@ -37,6 +38,8 @@ pub struct Published<'a> {
     pub stages: &'a StageTimes,
     /// Counts so far.
     pub frames: &'a FrameCounts,
+    /// What the damaged parts of the recording held.
+    pub lost: LostCounts,
     /// Rates of composed frames and of the devices.
     pub rates: &'a Rates,
     /// Share of the recording that has been played.
@@ -121,6 +124,7 @@ pub fn publish(p: &Published<'_>) {
         s.frames.arrived = p.frames.composed + p.frames.skipped + p.frames.damaged;
         s.frames.composed = p.frames.composed;
         s.frames.skipped = p.frames.skipped + p.frames.damaged;
+        s.frames.lost = p.lost.scene_frames;
         s.frames.without_pose = p.frames.without_pose;
         s.frames.per_second = p.rates.pictures_per_second();
         s.session.progress = p.played;
@@ -307,6 +311,14 @@ fn devices(s: &mut Snapshot, p: &Published<'_>) {
         ];
     }
     let delivering = [true, frame.environment.is_some(), frame.pose.is_some()];
+    let lost = [
+        p.lost.scene_frames,
+        p.lost.environment_frames,
+        p.lost.tracker_messages,
+    ];
+    for (device, lost) in s.devices.iter_mut().zip(lost) {
+        device.dropped = lost;
+    }
     for ((device, delivers), rate) in s.devices.iter_mut().zip(delivering).zip(p.rates.devices()) {
         let state = if delivers {
             DeviceState::Streaming

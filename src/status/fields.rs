@@ -40,6 +40,10 @@ pub const STATUS_FIELDS: &[(&str, &str)] = &[
         "Scene frames skipped: replaced by a newer one, or damaged.",
     ),
     (
+        "frames.lost",
+        "Scene frames in damaged parts of the recording.",
+    ),
+    (
         "frames.without_pose",
         "Scene frames for which no pose was known; they show the camera's picture.",
     ),

@@ -212,6 +212,8 @@ pub struct Frames {
     pub composed: u64,
     /// Scene frames skipped: replaced by a newer one, or damaged.
     pub skipped: u64,
+    /// Scene frames in damaged parts of the recording.
+    pub lost: u64,
     /// Scene frames without a known pose; they show the camera's picture.
     pub without_pose: u64,
     /// Composited pictures per second, over the last two seconds.
