@@ -92,6 +92,8 @@ pub(super) struct Run {
     started: Instant,
     /// Whether a picture has been composed.
     has_picture: bool,
+    /// Whether the log names the tracker's wrong station.
+    warned_of_station: bool,
     /// Whether the user has closed the screen.
     is_closed: bool,
     /// Number of times that the graphics device was lost since the last composed picture.
@@ -147,6 +149,7 @@ impl Run {
             lamps: Vec::new(),
             started: Instant::now(),
             has_picture: false,
+            warned_of_station: false,
             is_closed: false,
             successive_losses: 0,
         })
@@ -215,6 +218,7 @@ impl Run {
             self.stages.record("arrival_to_picture", latency);
         }
         self.counts = Some(prepared.counts);
+        self.check_station(&prepared.counts);
         self.frames.skipped += prepared.skipped;
         self.count(prepared);
         let environment = prepared.frame.environment.as_ref();
@@ -237,6 +241,16 @@ impl Run {
             stale_after_nanos: context.config.environment.stale_after_nanos,
         });
         Ok(())
+    }
+
+    /// Warns once if the tracker sends readings of other stations only.
+    fn check_station(&mut self, counts: &Counts) {
+        if !self.warned_of_station
+            && let Some(problem) = counts.pairing.wrong_station()
+        {
+            tracing::warn!("tracker: {problem}");
+            self.warned_of_station = true;
+        }
     }
 
     /// Handles a pause without pictures: keeps the last picture on the screen, or a black one if
@@ -263,7 +277,9 @@ impl Run {
         }
         self.counts = Some(*counts);
         self.rates.record_idle(&counts.feed);
-        published::publish_idle(&context.status, &context.source, &self.rates);
+        self.check_station(counts);
+        let figures = (&self.rates, &counts.pairing);
+        published::publish_idle(&context.status, &context.source, figures);
         Ok(())
     }
 

@@ -22,7 +22,7 @@ use penumbra_status::snapshot::{
 };
 use penumbra_status::{SceneStatus, Settings, SharedStatus, Snapshot, StageTimes};
 use penumbra_sync as sync;
-use penumbra_sync::RigFrame;
+use penumbra_sync::{PairingCounts, RigFrame};
 use penumbra_white_balance::{MatchStatus, MethodStatus, Provenance};
 use std::time::Duration;
 
@@ -105,11 +105,15 @@ const UNCALIBRATED: &str = "the rig is not calibrated, so no virtual objects are
     `[calibration] from` to the folder of its calibration";
 
 /// Publishes the state of a live rig while no picture arrives.
-pub fn publish_idle(status: &SharedStatus, source: &Source, rates: &Rates) {
+pub fn publish_idle(
+    status: &SharedStatus,
+    source: &Source,
+    (rates, pairing): (&Rates, &PairingCounts),
+) {
     let Source::Live(live) = source else { return };
     status.update(|s| {
         s.frames.per_second = rates.pictures_per_second();
-        live_status::devices(s, live, &rates.devices());
+        live_status::devices(s, live, &rates.devices(), pairing);
         live_status::session(s);
     });
 }
@@ -154,7 +158,8 @@ pub fn publish(p: &Published<'_>) {
                 devices(s, p);
             }
             Source::Live(live) => {
-                live_status::devices(s, live, &p.rates.devices());
+                let pairing = &p.prepared.counts.pairing;
+                live_status::devices(s, live, &p.rates.devices(), pairing);
                 live_status::session(s);
             }
         }
@@ -327,6 +332,9 @@ fn devices(s: &mut Snapshot, p: &Published<'_>) {
         };
         if device.state != state {
             device.enter(state, None);
+        }
+        if device.kind == DeviceKind::Tracker {
+            device.reason = p.prepared.counts.pairing.wrong_station();
         }
         device.received = rate.received;
         device.per_second = rate.per_second;

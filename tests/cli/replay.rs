@@ -272,3 +272,21 @@ fn one_flipped_byte_is_said_with_all_that_it_costs() {
         .find(|l| l["stream"] == "/scene_camera/image");
     assert_eq!(scene.unwrap()["messages"].as_u64(), Some(number));
 }
+
+#[test]
+fn wrong_station_is_said_once() {
+    let desk = Desk::new();
+    desk.put(
+        "rig.toml",
+        "[tracker]\ndevice = \"/dev/ttyUSB0\"\nstation = 2\n",
+    );
+    let output = desk.run(&format!(
+        "replay DESK {QUIET} --config rig.toml --light-count 0 --frames 20"
+    ));
+    let error = text(&output.stderr);
+    assert_eq!(error.lines().count(), 1, "{error}");
+    assert!(
+        error.contains("no reading of station 2") && error.contains("stations seen: 1;"),
+        "{error}"
+    );
+}
