@@ -14,7 +14,7 @@
 //! 5. `status` publishes the frame's figures; [`report`] sums them up after the run.
 //!
 //! Beside the frames: [`recorder`] writes deliveries into a session, [`service`] serves the status
-//! page and [`calibration_runner`] runs calibration steps on the same deliveries.
+//! page, [`check`] checks the files of a configuration, and [`calibration_runner`] runs calibration steps on the same deliveries.
 //!
 //! Threads are started through `penumbra_interface::threads`: `prepare` (frames), `light::worker`
 //! and `light::indirect` (light), `latency_monitor`, `reload` (scene files), `baking`, `recorder`,
@@ -61,6 +61,7 @@ pub mod status;
 
 // Beside the frames.
 pub mod calibration_runner;
+pub mod check;
 pub mod recorder;
 pub mod service;
 pub mod simulate;

@@ -429,6 +429,47 @@ impl Run {
         self.inputs.skipped_tracker_bytes = counts.skipped_tracker_bytes;
     }
 
+    /// Refuses a recording of which no picture could be composed.
+    fn check_composed(&self, context: &RunContext) -> Result<(), RigError> {
+        let Source::Recorded(session) = &context.source else {
+            return Ok(());
+        };
+        let frames = &self.frames;
+        if frames.composed + frames.skipped > 0 || context.is_shutting_down() {
+            return Ok(());
+        }
+        let path = session.path().to_owned();
+        match frames.damaged + self.damage.counts.scene_frames {
+            0 if frames.in_session == 0 => Err(RigError::Empty { path }),
+            0 => Ok(()),
+            count => Err(RigError::AllDamaged { path, count }),
+        }
+    }
+
+    /// Refuses a recording whose first picture has another size than the calibrated one.
+    ///
+    /// # Errors
+    /// It has; virtual objects would be nowhere right.
+    pub fn check_size(
+        &self,
+        context: &RunContext,
+        prepared: &PreparedFrame,
+    ) -> Result<(), RigError> {
+        let Source::Recorded(session) = &context.source else {
+            return Ok(());
+        };
+        let (picture, calibrated) = (&prepared.picture, context.picture_size());
+        let fits = (picture.width, picture.height) == calibrated;
+        if self.frames.composed > 0 || fits || !context.setup.calibrated {
+            return Ok(());
+        }
+        Err(RigError::PictureSize {
+            path: session.path().to_owned(),
+            pictures: format!("{}x{}", picture.width, picture.height),
+            calibrated: format!("{}x{}", calibrated.0, calibrated.1),
+        })
+    }
+
     /// Ends the run: completes the outputs and returns the report.
     ///
     /// # Errors
@@ -437,15 +478,7 @@ impl Run {
         if let Some(counts) = self.counts.take() {
             self.add(&counts);
         }
-        let is_empty = self.frames.in_session == 0 && self.frames.composed == 0;
-        if let Source::Recorded(session) = &context.source
-            && is_empty
-            && !context.is_shutting_down()
-        {
-            return Err(RigError::Empty {
-                path: session.path().to_owned(),
-            });
-        }
+        self.check_composed(context)?;
         if self.frames.composed > 0 && self.has_picture {
             // The dashboard shows the last picture after the end of the run.
             self.publish_picture(context)?;

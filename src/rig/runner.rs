@@ -124,6 +124,7 @@ fn handle(
 ) -> Result<(), RigError> {
     match event {
         PreparationEvent::Frame(prepared) => {
+            run.check_size(context, &prepared)?;
             run.compose(context, &prepared)?;
             preparation.give_back(prepared.picture);
         }
