@@ -84,8 +84,12 @@ pub struct FeedCounts {
     pub environment_frames: u64,
     /// Readings of the tracker.
     pub poses: u64,
+    /// Bytes of the tracker.
+    pub tracker_bytes: u64,
     /// Unreadable sections of the recording.
     pub damaged: u64,
+    /// When this was counted, by the system clock.
+    pub counted_at: MonotonicTime,
 }
 
 impl Feed {
@@ -291,6 +295,7 @@ impl Feed {
             return;
         };
         let (pairing, counts) = (&mut self.pairing, &mut self.counts);
+        counts.tracker_bytes += bytes.len() as u64;
         decoder.push(bytes, arrived_at, |sample: PoseSample| {
             counts.poses += 1;
             pairing.push_pose(&sample);
@@ -312,14 +317,31 @@ impl Feed {
 
     /// Returns the counts of received data so far.
     #[must_use]
-    pub const fn counts(&self) -> FeedCounts {
-        self.counts
+    pub fn counts(&self) -> FeedCounts {
+        FeedCounts {
+            counted_at: SystemClock.now(),
+            ..self.counts
+        }
     }
 
     /// Returns the counts of the pairing so far.
     #[must_use]
     pub fn pairing_counts(&self) -> PairingCounts {
         self.pairing.counts()
+    }
+
+    /// Returns the estimated number of lost readings: by the tracker's rate, or by the bytes that
+    /// belonged to no record. The rate misses many if a quarter is lost; bytes miss whole records.
+    #[must_use]
+    pub fn lost_readings(&self) -> u64 {
+        let decoded = self.tracker_counters();
+        let intact = self
+            .counts
+            .tracker_bytes
+            .saturating_sub(decoded.skipped_bytes);
+        let lost_bytes = decoded.skipped_bytes.saturating_mul(decoded.records);
+        let by_bytes = lost_bytes.checked_div(intact).unwrap_or(0);
+        self.pairing.counts().lost_readings.max(by_bytes)
     }
 
     /// Returns the counters of the tracker's decoders so far, summed.

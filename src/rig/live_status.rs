@@ -1,5 +1,6 @@
 //! Publishes the state of live devices in the status.
 
+use crate::frame::Counts;
 use crate::rates::DeviceRate;
 use crate::source::Live;
 use penumbra_capture::{DeviceReport, DeviceState as Captured, DeviceStatus};
@@ -9,19 +10,13 @@ use penumbra_interface::{
 };
 use penumbra_status::Snapshot;
 use penumbra_status::snapshot::{Control, Device, DeviceState, SessionState};
-use penumbra_sync::PairingCounts;
 
 /// Number of bytes from a tracker within which a record is expected.
 const BYTES_FOR_A_RECORD: u64 = 1000;
 
 /// Publishes the state of every device. `rates` are those of the scene camera, the environment
 /// camera and the tracker.
-pub(super) fn devices(
-    s: &mut Snapshot,
-    live: &Live,
-    rates: &[DeviceRate; 3],
-    pairing: &PairingCounts,
-) {
+pub(super) fn devices(s: &mut Snapshot, live: &Live, rates: &[DeviceRate; 3], counts: &Counts) {
     let now = SystemClock.now();
     let (devices, lost) = (live.supervised(), live.hub.counts());
     if s.devices.len() != devices.len() {
@@ -38,8 +33,10 @@ pub(super) fn devices(
         };
         write(device, &live.status(), rate, now);
         device.dropped += lost;
-        if live.kind == DeviceKind::Tracker && device.reason.is_none() {
-            device.reason = pairing.wrong_station();
+        if live.kind == DeviceKind::Tracker {
+            device.dropped += counts.lost_readings;
+            let reason = device.reason.take();
+            device.reason = reason.or_else(|| counts.pairing.wrong_station());
         }
     }
 }

@@ -326,6 +326,7 @@ impl Worker {
             feed: self.feed.counts(),
             pairing: self.feed.pairing_counts(),
             skipped_tracker_bytes: self.feed.tracker_counters().skipped_bytes,
+            lost_readings: self.feed.lost_readings(),
             latency: match &mut self.latency {
                 Some(monitor) => monitor.state(active_nanos, is_over),
                 None => LatencyState {

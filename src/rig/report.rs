@@ -93,6 +93,8 @@ pub struct InputCounts {
     pub poses: u64,
     /// Tracker readings rejected as implausible.
     pub rejected_poses: u64,
+    /// Estimated number of tracker readings lost on their way.
+    pub lost_poses: u64,
     /// Tracker bytes that belonged to no record.
     pub skipped_tracker_bytes: u64,
     /// Number of times that the clock went back.

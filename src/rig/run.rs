@@ -278,7 +278,7 @@ impl Run {
         self.counts = Some(*counts);
         self.rates.record_idle(&counts.feed);
         self.check_station(counts);
-        let figures = (&self.rates, &counts.pairing);
+        let figures = (&self.rates, counts);
         published::publish_idle(&context.status, &context.source, figures);
         Ok(())
     }
@@ -427,6 +427,7 @@ impl Run {
         self.inputs.poses = counts.feed.poses;
         self.inputs.damaged_stretches = counts.feed.damaged;
         self.inputs.skipped_tracker_bytes = counts.skipped_tracker_bytes;
+        self.inputs.lost_poses = counts.lost_readings;
     }
 
     /// Refuses a recording of which no picture could be composed.

@@ -1,7 +1,7 @@
 //! Publishes the state of a run in the status.
 
 use crate::damage::LostCounts;
-use crate::frame::PreparedFrame;
+use crate::frame::{Counts, PreparedFrame};
 use crate::latency_status;
 use crate::light::state::LightState;
 use crate::live_status;
@@ -22,7 +22,7 @@ use penumbra_status::snapshot::{
 };
 use penumbra_status::{SceneStatus, Settings, SharedStatus, Snapshot, StageTimes};
 use penumbra_sync as sync;
-use penumbra_sync::{PairingCounts, RigFrame};
+use penumbra_sync::RigFrame;
 use penumbra_white_balance::{MatchStatus, MethodStatus, Provenance};
 use std::time::Duration;
 
@@ -105,15 +105,11 @@ const UNCALIBRATED: &str = "the rig is not calibrated, so no virtual objects are
     `[calibration] from` to the folder of its calibration";
 
 /// Publishes the state of a live rig while no picture arrives.
-pub fn publish_idle(
-    status: &SharedStatus,
-    source: &Source,
-    (rates, pairing): (&Rates, &PairingCounts),
-) {
+pub fn publish_idle(status: &SharedStatus, source: &Source, (rates, counts): (&Rates, &Counts)) {
     let Source::Live(live) = source else { return };
     status.update(|s| {
         s.frames.per_second = rates.pictures_per_second();
-        live_status::devices(s, live, &rates.devices(), pairing);
+        live_status::devices(s, live, &rates.devices(), counts);
         live_status::session(s);
     });
 }
@@ -143,6 +139,7 @@ pub fn publish(p: &Published<'_>) {
             s.warn(warning);
         }
         pairing(s, frame, p.rates);
+        s.pairing.rejected_poses = p.prepared.counts.pairing.rejected_poses;
         latency_status::publish(s, p.prepared);
         let sigma = p.prepared.tracker_sigma;
         s.pairing.pose_sigma_mm = sigma.map(|[mm, ..]| mm);
@@ -158,8 +155,7 @@ pub fn publish(p: &Published<'_>) {
                 devices(s, p);
             }
             Source::Live(live) => {
-                let pairing = &p.prepared.counts.pairing;
-                live_status::devices(s, live, &p.rates.devices(), pairing);
+                live_status::devices(s, live, &p.rates.devices(), &p.prepared.counts);
                 live_status::session(s);
             }
         }
@@ -323,6 +319,10 @@ fn devices(s: &mut Snapshot, p: &Published<'_>) {
     ];
     for (device, lost) in s.devices.iter_mut().zip(lost) {
         device.dropped = lost;
+        if device.kind == DeviceKind::Tracker {
+            // The readings of a damaged part are missing in the stream, too.
+            device.dropped = lost.max(p.prepared.counts.lost_readings);
+        }
     }
     for ((device, delivers), rate) in s.devices.iter_mut().zip(delivering).zip(p.rates.devices()) {
         let state = if delivers {

@@ -95,6 +95,10 @@ pub const STATUS_FIELDS: &[(&str, &str)] = &[
         "How the newest pose was found: `exact`, `interpolated`, `predicted` or `none`.",
     ),
     (
+        "pairing.rejected_poses",
+        "Readings of the tracker that no motion of a hand explains, since the start; they are not used.",
+    ),
+    (
         "pairing.pose_sigma_mm",
         "Standard deviation of the camera's position at that instant, over all axes, mm: the tracker's noise and, if predicted, the error of recent predictions of equal length.",
     ),
@@ -447,7 +451,7 @@ pub const STATUS_FIELDS: &[(&str, &str)] = &[
     ("devices[].received", "Frames or records since the start."),
     (
         "devices[].dropped",
-        "Frames or records lost: gaps in the counter, damaged, or replaced by newer ones.",
+        "Frames or records lost: gaps in the counter, damaged, or replaced by newer ones; of a tracker also those that its rate shows to be missing, an estimate.",
     ),
     (
         "devices[].last_age_ms",

@@ -235,6 +235,8 @@ pub struct Pairing {
     pub environment_skew_p99_ms: Option<f64>,
     /// How the newest pose was found: `exact`, `interpolated`, `predicted` or `none`.
     pub pose: PoseAnswer,
+    /// Readings of the tracker that no motion of a hand explains; they are not used.
+    pub rejected_poses: u64,
     /// Standard deviation of the camera's position by noise and prediction, millimetres.
     pub pose_sigma_mm: Option<f64>,
     /// Standard deviation of its orientation, degrees.

@@ -3,12 +3,13 @@
 //!
 //! Modules in the order of the data flow: `fit` (local least squares through poses), `history`
 //! (poses at any time, by interpolation or prediction), `brackets` (exposures of one view of the
-//! environment), `stations` (of the tracker), `pairing`. No clock is read: [`Pairing`] takes frames and poses in the order of
+//! environment), `stations` and `lost_readings` (of the tracker), `pairing`. No clock is read: [`Pairing`] takes frames and poses in the order of
 //! arrival, and equal input gives equal output, live or replayed.
 
 mod brackets;
 mod fit;
 mod history;
+mod lost_readings;
 mod pairing;
 mod stations;
 

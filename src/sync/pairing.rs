@@ -2,6 +2,7 @@
 
 use super::brackets::{BracketCollector, EnvironmentSet};
 use super::history::{HistoryConfig, PoseAt, PoseHistory, Provenance, Pushed, Smoothing};
+use super::lost_readings::LostReadings;
 use super::stations::Stations;
 use penumbra_interface::{Frame, MonotonicTime, PoseSample, RigidTransform};
 use serde::Serialize;
@@ -132,6 +133,8 @@ pub struct PairingCounts {
     pub poses: u64,
     /// Readings rejected as invalid, late or outliers.
     pub rejected_poses: u64,
+    /// Estimated number of readings that were lost on their way.
+    pub lost_readings: u64,
     /// Readings of other stations.
     pub other_stations: u64,
     /// These stations.
@@ -184,6 +187,7 @@ pub struct Pairing {
     counts: PairingCounts,
     /// Value that the tracker's latency approaches, nanoseconds.
     target_latency: i64,
+    lost: LostReadings,
 }
 
 impl Pairing {
@@ -200,6 +204,7 @@ impl Pairing {
             tracker_heard_at: MonotonicTime::default(),
             counts: PairingCounts::default(),
             target_latency: config.tracker_latency_nanos,
+            lost: LostReadings::default(),
         }
     }
 
@@ -229,6 +234,7 @@ impl Pairing {
             incomplete_sets: self.environment.incomplete,
             orphan_brackets: self.environment.orphans,
             station: self.config.station,
+            lost_readings: self.lost.count(),
             ..self.counts
         }
     }
@@ -281,6 +287,7 @@ impl Pairing {
             self.counts.stations_seen.insert(sample.station);
             return;
         }
+        self.lost.add(sample.arrived_at);
         self.slew_latency(sample.arrived_at.nanos_since(self.tracker_heard_at));
         self.tracker_heard_at = sample.arrived_at;
         let latency = self.config.tracker_latency_nanos;
