@@ -31,7 +31,7 @@ use penumbra_config::TrackerSource;
 use penumbra_config::{Config, LookConfig, Predict, ReplayPairing};
 use penumbra_interface::threads;
 use penumbra_interface::{MonotonicTime, RigidTransform};
-use penumbra_picture::{Picture, YuvEncoding, decode_into};
+use penumbra_picture::{Picture, YuvEncoding, decode_within};
 use penumbra_registration::TrackerPose;
 use penumbra_session::SessionError;
 use penumbra_status::{RegistrationStatus, Settings};
@@ -350,7 +350,8 @@ impl Worker {
         }
         let begun = Instant::now();
         let mut picture = self.recycled.try_recv().unwrap_or_default();
-        if decode_into(&frame.scene, &self.yuv, &mut picture).is_err() {
+        let max_pixels = self.setup.max_scene_pixels();
+        if decode_within(max_pixels, &frame.scene, &self.yuv, &mut picture).is_err() {
             return PreparationEvent::Damaged;
         }
         let decoding = begun.elapsed();

@@ -234,6 +234,20 @@ fn light_refuses_files_that_are_not_pictures() {
     assert!(!desk.path("light").exists());
 }
 
+/// They never end.
+#[cfg(target_os = "linux")]
+#[test]
+fn endless_devices_are_refused() {
+    let desk = Desk::new();
+    for line in [
+        "light /dev/zero --out light",
+        "simulate tracker --pty --trajectory /dev/zero",
+    ] {
+        let error = desk.refuses(line);
+        assert!(error.contains("larger than the limit"), "{line}: {error}");
+    }
+}
+
 #[test]
 fn help_names_the_commands() {
     let printed = Desk::new().works("--help");

@@ -12,7 +12,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 /// Maximum size of a decoded texture, bytes.
-const TEXTURE_BYTES: u64 = 1 << 30;
+const TEXTURE_BYTES: u64 = 1 << 29;
 /// Tolerance of the sum of two shares.
 const ROUNDING: f32 = 1e-5;
 
