@@ -684,6 +684,60 @@ fn other_origins_cannot_change_settings_or_read_the_picture() {
     }
 }
 
+/// Requests that were begun and never end must not shut anybody out.
+#[test]
+fn half_open_requests_shut_nobody_out() {
+    let server = Server::start(None);
+    let half_open: Vec<_> = (0..400)
+        .map(|_| {
+            let mut socket = server.connect();
+            let _ = socket.write_all(b"GET /status HTTP/1.1\r\nHost: loc");
+            socket
+        })
+        .collect();
+    for path in ["/healthz", "/status", "/metrics", "/"] {
+        assert_eq!(server.get(path).status, 200, "{path}");
+    }
+    drop(half_open);
+}
+
+#[test]
+fn viewers_and_refused_clients_leave_places_for_health_and_status() {
+    let server = Server::start(Some(TOKEN));
+    let authorised = format!("Authorization: Bearer {TOKEN}");
+    let mut clients = Vec::new();
+    for i in 0..300 {
+        let mut socket = server.connect();
+        let token = if i % 2 == 0 {
+            authorised.as_str()
+        } else {
+            "X: y"
+        };
+        let request = format!("GET /stream.mjpeg HTTP/1.1\r\nHost: localhost\r\n{token}\r\n\r\n");
+        let _ = socket.write_all(request.as_bytes());
+        clients.push(socket);
+    }
+    assert_eq!(server.get("/healthz").status, 200);
+    let status = server.request("GET /status", &[&authorised], "");
+    assert_eq!(status.status, 200);
+    // Who has no token is let go at once, although it asked to stay.
+    let refused = Answer::read(clients.remove(299));
+    assert_eq!(refused.status, 401);
+    assert_eq!(refused.header("connection"), "close");
+}
+
+#[test]
+fn repeated_host_or_origin_is_refused() {
+    let server = Server::start(None);
+    let own = format!("Host: {}", server.address);
+    let origin = format!("Origin: http://{}", server.address);
+    let answer = server.request("GET /status", &[&own, "Host: evil.example"], "");
+    assert_eq!(answer.status, 400);
+    let twice = [origin.as_str(), "Origin: http://evil.example"];
+    assert_eq!(server.request("GET /status", &twice, "").status, 400);
+    assert_eq!(server.request("GET /status", &[&origin], "").status, 200);
+}
+
 #[test]
 fn refuses_requests_without_the_token() {
     let server = Server::start(Some(TOKEN));

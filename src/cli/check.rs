@@ -3,6 +3,7 @@
 use crate::doctor::{DoctorOptions, State, examine};
 use clap::Args;
 use penumbra_config::check_config as read_and_check;
+use penumbra_rig::check::check_files;
 use penumbra_session::{Session, describe};
 use std::net::SocketAddr;
 use std::path::PathBuf;
@@ -42,6 +43,8 @@ pub fn info(args: &InfoArgs) -> anyhow::Result<ExitCode> {
 /// `penumbra check-config`.
 pub fn check_config(args: &CheckConfigArgs) -> anyhow::Result<ExitCode> {
     let summary = read_and_check(&args.file)?;
+    check_files(&summary.config)
+        .map_err(|error| anyhow::anyhow!("{}: {error}", args.file.display()))?;
     super::say(format_args!("{}: valid", args.file.display()));
     super::say(summary);
     Ok(ExitCode::SUCCESS)

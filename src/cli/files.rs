@@ -1,9 +1,9 @@
 //! Writes output files; existing files are overwritten only with `--force`.
 
 use anyhow::bail;
+use penumbra_picture::write_whole;
 use serde::Serialize;
-use std::fs::OpenOptions;
-use std::io::Write;
+use std::fs::File;
 use std::path::{Path, PathBuf};
 
 /// Checks that an output file can be written, before the work starts.
@@ -51,18 +51,22 @@ impl JsonFile {
     }
 }
 
-/// Writes a file that was [`claim`]ed.
+/// Writes a file that was [`claim`]ed. After an error there is no part of it.
 pub fn write(path: &Path, bytes: &[u8], force: bool) -> anyhow::Result<()> {
-    let mut options = OpenOptions::new();
-    // A file that was created since the check belongs to another program.
-    options
-        .write(true)
-        .create(true)
-        .truncate(true)
-        .create_new(!force);
-    let written = options
-        .open(path)
-        .and_then(|mut file| file.write_all(bytes));
+    let claimed = if force {
+        Ok(())
+    } else {
+        // A file that was created since the check belongs to another program.
+        File::create_new(path).map(drop)
+    };
+    let written = claimed.and_then(|()| {
+        let whole = write_whole(path, |part| std::fs::write(part, bytes));
+        whole.inspect_err(|_| {
+            if !force {
+                let _ = std::fs::remove_file(path);
+            }
+        })
+    });
     written.map_err(|e| anyhow::anyhow!("{}: cannot be written ({e})", path.display()))
 }
 

@@ -1,11 +1,13 @@
 //! `penumbra run`.
 
 use super::show::{ShowArgs, address, describe, show, status_server};
+use anyhow::bail;
 use clap::Args;
 use penumbra_rig::calibration_runner::Calibrator;
 use penumbra_rig::service::Service;
 use penumbra_rig::{Live, Recorder, Runner, Source, live_settings};
 use penumbra_status::SharedStatus;
+use penumbra_status::recording::RecordingState;
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::sync::Arc;
@@ -46,12 +48,17 @@ pub fn run(args: &RunArgs) -> anyhow::Result<ExitCode> {
     }
     let report = show(runner, config, "live", (address, shutdown))?;
     drop(service);
-    if let Some(recording) = recorder.stop() {
-        super::say(super::record::describe(&recording));
+    let recording = recorder.stop();
+    if let Some(recording) = &recording {
+        super::say(super::record::describe(recording));
     }
     if let Some(file) = report_file {
         file.write(&report)?;
     }
     super::say(describe(&report));
+    let failed = recording.filter(|r| args.record.is_some() && r.state == RecordingState::Failed);
+    if let Some(recording) = failed {
+        bail!("{}", recording.description);
+    }
     Ok(ExitCode::SUCCESS)
 }

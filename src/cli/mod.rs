@@ -25,6 +25,7 @@ use clap::{Parser, Subcommand};
 use std::fmt::Display;
 use std::io::{IsTerminal, Write};
 use std::process::ExitCode;
+use std::sync::OnceLock;
 use tracing_subscriber::EnvFilter;
 
 /// Augmented reality whose virtual objects share the light, reflections and soft shadows
@@ -74,7 +75,8 @@ pub fn run() -> ExitCode {
     };
     quiet::silence_device_select();
     start_log();
-    match carry_out(cli.command) {
+    let outcome = carry_out(cli.command);
+    match outcome.and_then(|code| check_output().map(|()| code)) {
         Ok(code) => code,
         Err(error) => {
             complain(&error);
@@ -142,9 +144,27 @@ fn start_log() {
         .init();
 }
 
+/// The first error of standard output.
+static OUTPUT_ERROR: OnceLock<std::io::Error> = OnceLock::new();
+
 /// Prints one line to standard output. A closed pipe (`| head`) is ignored; `println!` would panic.
+/// Another error, such as a full disk, makes the program fail at its end.
 fn say(text: impl Display) {
-    let _ = writeln!(std::io::stdout().lock(), "{text}");
+    let mut out = std::io::stdout().lock();
+    let printed = writeln!(out, "{text}").and_then(|()| out.flush());
+    if let Err(error) = printed
+        && error.kind() != std::io::ErrorKind::BrokenPipe
+    {
+        let _ = OUTPUT_ERROR.set(error);
+    }
+}
+
+/// Returns the error of standard output if what was printed did not arrive.
+fn check_output() -> anyhow::Result<()> {
+    match OUTPUT_ERROR.get() {
+        None => Ok(()),
+        Some(error) => anyhow::bail!("standard output cannot be written ({error}); free space"),
+    }
 }
 
 /// Prints an error that ends the program to standard error.

@@ -61,6 +61,8 @@ pub fn run(args: &RecordArgs) -> anyhow::Result<ExitCode> {
     }
     let status = SharedStatus::new(live_settings(&config));
     let live = Live::new(&config, false)?;
+    // The recording would hold files that nobody can use.
+    live.files.document(&config)?;
     let (hub, files) = (live.hub.clone(), live.files.clone());
     let recorder = Recorder::new(hub, files, config.recording, status.clone());
     let shutdown = Arc::new(AtomicBool::new(false));

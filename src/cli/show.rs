@@ -216,8 +216,12 @@ pub fn address(server: Option<&StatusServer>, config: &Config) -> Option<String>
 /// Describes the result of a run in one line.
 pub fn describe(report: &Report) -> String {
     let frames = &report.frames;
+    let lost = match frames.lost {
+        0 => String::new(),
+        lost => format!("{lost} lost in damaged parts of the file, "),
+    };
     format!(
-        "{} frames composed, {} skipped, {} damaged, {} without pose; {:.1} s on {}",
+        "{} frames composed, {} skipped, {} damaged, {lost}{} without pose; {:.1} s on {}",
         frames.composed,
         frames.skipped,
         frames.damaged,

@@ -87,6 +87,7 @@ pub use frame_input::{FrameInput, LightSpan};
 pub use gpu::{Gpu, GpuError};
 pub use lens::LensOutput;
 pub use look::Look;
+pub use materials::{fitted, max_side};
 pub use passes::present::PresentPass;
 pub use reproject::Reprojection;
 pub use scene_upload::{SceneUploader, UploadedScene};

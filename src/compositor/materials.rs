@@ -65,13 +65,16 @@ impl<'a> MaterialUploader<'a> {
             rgba: vec![255; 4],
         };
         let t = texture.map_or(&white, |t| t.as_ref());
-        let levels = mip_chain(t, format == wgpu::TextureFormat::Rgba8UnormSrgb);
+        let mut levels = mip_chain(t, format == wgpu::TextureFormat::Rgba8UnormSrgb);
+        let (width, height) = fitted((t.width, t.height), max_side(self.device));
+        // The levels of a smaller texture are those of the larger one without the first.
+        levels.drain(..(t.width / width).max(t.height / height).ilog2() as usize);
         let data: Vec<u8> = levels.concat();
         let descriptor = wgpu::TextureDescriptor {
             label: Some("surface"),
             size: wgpu::Extent3d {
-                width: t.width,
-                height: t.height,
+                width,
+                height,
                 depth_or_array_layers: 1,
             },
             mip_level_count: levels.len() as u32,
@@ -85,6 +88,20 @@ impl<'a> MaterialUploader<'a> {
             .create_texture_with_data(self.queue, &descriptor, TextureDataOrder::LayerMajor, &data)
             .create_view(&wgpu::TextureViewDescriptor::default())
     }
+}
+
+/// Maximum width and height of a texture on a device, pixels.
+pub fn max_side(device: &wgpu::Device) -> u32 {
+    device.limits().max_texture_dimension_2d
+}
+
+/// Returns the size of a texture on a device: halved until it is at most `max` each way.
+#[must_use]
+pub fn fitted((mut width, mut height): (u32, u32), max: u32) -> (u32, u32) {
+    while width.max(height) > max.max(1) {
+        (width, height) = ((width / 2).max(1), (height / 2).max(1));
+    }
+    (width, height)
 }
 
 /// Box-filtered levels down to one texel, averaged in linear light for sRGB textures.
@@ -122,4 +139,37 @@ fn box_of_four(rgba: &[u8], (w, h): (u32, u32), (x, y): (u32, u32), srgb: bool) 
         let mean = sum / 4.0;
         ((if decode { srgb_from_linear(mean) } else { mean }) * 255.0).round() as u8
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn texture_beyond_the_limit_is_halved_until_it_fits() {
+        for (size, max, expected) in [
+            ((16_384, 16_384), 4096, (4096, 4096)),
+            ((5000, 10), 4096, (2500, 5)),
+            ((3, 9000), 4096, (1, 2250)),
+            ((4096, 1), 4096, (4096, 1)),
+        ] {
+            assert_eq!(fitted(size, max), expected);
+        }
+    }
+
+    /// The levels of the smaller texture are the last ones of the larger one.
+    #[test]
+    fn dropped_levels_leave_a_complete_chain() {
+        let (width, height) = (40, 12);
+        let texture = SceneTexture {
+            width,
+            height,
+            rgba: (0..4 * width * height).map(|i| (i * 7) as u8).collect(),
+        };
+        let (w, h) = fitted((width, height), 10);
+        let dropped = (width / w).max(height / h).ilog2() as usize;
+        let levels = mip_chain(&texture, false).split_off(dropped);
+        assert_eq!(levels[0].len() as u32, 4 * w * h);
+        assert_eq!(levels.len() as u32, w.max(h).ilog2() + 1);
+    }
 }

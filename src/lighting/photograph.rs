@@ -5,9 +5,10 @@ use glam::{DMat3, DQuat, DVec2, DVec3};
 use penumbra_camera::{EnvironmentView, FisheyeLens, MirrorSphere};
 use penumbra_camera::{PinholeCamera, Response};
 use penumbra_interface::RigidTransform;
-use penumbra_picture::Picture;
+use penumbra_picture::{MAX_PICTURE_BYTES, MAX_PIXELS, Picture, read_bounded, read_text_bounded};
 use serde::Deserialize;
 use std::f64::consts::PI;
+use std::io::{self, Cursor};
 use std::path::{Path, PathBuf};
 
 /// The optics of a photograph.
@@ -62,7 +63,7 @@ pub enum PhotographError {
         /// The file.
         path: PathBuf,
         /// The cause.
-        source: std::io::Error,
+        source: io::Error,
     },
     /// The file is not a picture.
     #[error("{path} is not a JPEG or PNG picture: {source}")]
@@ -97,15 +98,20 @@ pub enum PhotographError {
     },
 }
 
+/// Maximum size of a calibration file, bytes.
+const MAX_CALIBRATION_BYTES: u64 = 16 << 20;
+
 impl PhotographCalibration {
     /// Reads a file, TOML unless its name ends in `.json`.
     ///
     /// # Errors
     /// The file cannot be read, is not TOML or JSON, or has unknown keys.
     pub fn read(path: &Path) -> Result<Self, PhotographError> {
-        let text = std::fs::read_to_string(path).map_err(|source| PhotographError::Read {
-            path: path.to_owned(),
-            source,
+        let text = read_text_bounded(path, MAX_CALIBRATION_BYTES).map_err(|source| {
+            PhotographError::Read {
+                path: path.to_owned(),
+                source,
+            }
         })?;
         let json = path
             .extension()
@@ -241,14 +247,28 @@ fn in_range(value: f64, low: f64, high: f64) -> Result<f64, PhotographError> {
 /// # Errors
 /// The file cannot be read, or is not a JPEG or PNG picture.
 pub fn read_picture(path: &Path) -> Result<Picture, PhotographError> {
-    let bytes = std::fs::read(path).map_err(|source| PhotographError::Read {
+    let unreadable = |source| PhotographError::Read {
         path: path.to_owned(),
         source,
-    })?;
-    let decoded = image::load_from_memory(&bytes).map_err(|source| PhotographError::Decode {
+    };
+    let damaged = |source| PhotographError::Decode {
         path: path.to_owned(),
         source,
-    })?;
+    };
+    let bytes = read_bounded(path, MAX_PICTURE_BYTES).map_err(unreadable)?;
+    let open = || image::ImageReader::new(Cursor::new(&bytes)).with_guessed_format();
+    let (width, height) = open()
+        .map_err(unreadable)?
+        .into_dimensions()
+        .map_err(damaged)?;
+    if u64::from(width) * u64::from(height) > MAX_PIXELS {
+        let reason = format!("{width}x{height} pixels, more than 64 Mpixel; scale it down");
+        return Err(unreadable(io::Error::new(
+            io::ErrorKind::FileTooLarge,
+            reason,
+        )));
+    }
+    let decoded = open().map_err(unreadable)?.decode().map_err(damaged)?;
     let rgba = decoded.into_rgba8();
     Ok(Picture {
         width: rgba.width(),

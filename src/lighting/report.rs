@@ -15,8 +15,9 @@ use penumbra_camera::EnvironmentView;
 use penumbra_camera::PlacedView;
 use penumbra_camera::{PinholeCamera, Response};
 use penumbra_interface::{MonotonicTime, RigidTransform};
-use penumbra_picture::Picture;
+use penumbra_picture::{Picture, write_whole};
 use serde::Serialize;
+use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -161,16 +162,19 @@ impl LightReport {
         let path = folder.join("light.json");
         let text =
             serde_json::to_string_pretty(&self.summary()).map_err(|e| write_error(&path, e))?;
-        std::fs::write(&path, text + "\n").map_err(|e| write_error(&path, e))
+        whole(&path, |part| std::fs::write(part, text + "\n"))
     }
 
     fn write_exr(&self, path: &Path) -> Result<(), LightReportError> {
         let (width, map) = (self.map.width as usize, &self.map.texels);
-        exr::prelude::write_rgb_file(path, width, self.map.height as usize, |x, y| {
-            let t = map[y * width + x];
-            (t.x, t.y, t.z)
+        let height = self.map.height as usize;
+        whole(path, |part| {
+            let texel = |x: usize, y: usize| {
+                let t = map[y * width + x];
+                (t.x, t.y, t.z)
+            };
+            exr::prelude::write_rgb_file(part, width, height, texel).map_err(io::Error::other)
         })
-        .map_err(|e| write_error(path, e))
     }
 
     fn summary(&self) -> Summary {
@@ -316,14 +320,17 @@ impl EnvironmentEstimator {
 }
 
 fn write_png(picture: &Picture, path: &Path) -> Result<(), LightReportError> {
-    image::save_buffer(
-        path,
-        &picture.rgba,
-        picture.width,
-        picture.height,
-        image::ColorType::Rgba8,
-    )
-    .map_err(|e| write_error(path, e))
+    whole(path, |part| {
+        let (width, height) = (picture.width, picture.height);
+        let (colour, format) = (image::ColorType::Rgba8, image::ImageFormat::Png);
+        image::save_buffer_with_format(part, &picture.rgba, width, height, colour, format)
+            .map_err(io::Error::other)
+    })
+}
+
+/// Writes a file that is either complete or absent.
+fn whole(path: &Path, write: impl FnOnce(&Path) -> io::Result<()>) -> Result<(), LightReportError> {
+    write_whole(path, write).map_err(|e| write_error(path, e))
 }
 
 fn write_error(path: &Path, reason: impl std::fmt::Display) -> LightReportError {

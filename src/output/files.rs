@@ -3,7 +3,7 @@
 use super::OutputError;
 use crossbeam_channel::{Receiver, Sender, bounded};
 use penumbra_interface::threads;
-use penumbra_picture::Picture;
+use penumbra_picture::{Picture, write_whole};
 use std::fs::File;
 use std::io::BufWriter;
 use std::path::{Path, PathBuf};
@@ -102,7 +102,10 @@ pub fn write_png(path: &Path, picture: &Picture) -> Result<(), OutputError> {
         path: PathBuf::from(path),
         source,
     };
-    let file = File::create(path).map_err(failed)?;
+    write_whole(path, |part| encode_png(File::create(part)?, picture)).map_err(failed)
+}
+
+fn encode_png(file: File, picture: &Picture) -> std::io::Result<()> {
     let mut encoder = png::Encoder::new(BufWriter::new(file), picture.width, picture.height);
     encoder.set_color(png::ColorType::Rgb);
     encoder.set_depth(png::BitDepth::Eight);
@@ -117,5 +120,5 @@ pub fn write_png(path: &Path, picture: &Picture) -> Result<(), OutputError> {
         writer.write_image_data(&rgb)?;
         writer.finish()
     };
-    write().map_err(|e| failed(std::io::Error::other(e)))
+    write().map_err(std::io::Error::other)
 }

@@ -29,6 +29,23 @@ pub(super) fn decode_jpeg(data: &[u8], picture: &mut Picture) -> Result<(), Pict
     }
 }
 
+/// Width and height by a JPEG's header.
+pub(super) fn jpeg_size(data: &[u8]) -> Result<(u32, u32), PictureError> {
+    let mut decoder = turbojpeg::Decompressor::new().map_err(damaged_jpeg)?;
+    let header = decoder.read_header(data).map_err(damaged_jpeg)?;
+    let side = |n: usize| u32::try_from(n).unwrap_or(u32::MAX);
+    Ok((side(header.width), side(header.height)))
+}
+
+/// Width and height by a PNG's header.
+pub(super) fn png_size(data: &[u8]) -> Result<(u32, u32), PictureError> {
+    let mut decoder = png::Decoder::new(Cursor::new(data));
+    let info = decoder
+        .read_header_info()
+        .map_err(|error| damaged(PixelFormat::Png, &error.to_string()))?;
+    Ok((info.width, info.height))
+}
+
 /// Some webcams (e.g. Logitech C270) pad their MJPEG before a marker. libjpeg-turbo warns of it after
 /// decoding the complete picture; with this error refused, such a camera would have no frames.
 fn is_harmless(error: &turbojpeg::Error) -> bool {

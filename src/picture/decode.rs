@@ -1,7 +1,7 @@
 //! Decodes frames and files of any format.
 
 use crate::error::PictureError;
-use crate::picture::Picture;
+use crate::picture::{MAX_PIXELS, Picture};
 use crate::raw::YuvEncoding;
 use crate::{coded, raw};
 use penumbra_interface::{Frame, PixelFormat};
@@ -30,6 +30,29 @@ impl Picture {
         }
         Ok(picture)
     }
+}
+
+/// As [`decode_into`], of at most `max_pixels`. A coded picture's header is judged before it is
+/// decoded.
+///
+/// # Errors
+/// As [`decode_into`], or the picture is larger.
+pub fn decode_within(
+    max_pixels: u64,
+    frame: &Frame,
+    yuv: &YuvEncoding,
+    picture: &mut Picture,
+) -> Result<(), PictureError> {
+    let size = match frame.format {
+        PixelFormat::Jpeg => coded::jpeg_size(&frame.data)?,
+        PixelFormat::Png => coded::png_size(&frame.data)?,
+        _ => (frame.width, frame.height),
+    };
+    let (width, height) = size;
+    if u64::from(width) * u64::from(height) > max_pixels.min(MAX_PIXELS) {
+        return Err(PictureError::TooLarge { width, height });
+    }
+    decode_into(frame, yuv, picture)
 }
 
 /// Decodes a frame into `picture`, whose buffer is reused. JPEG is decoded with libjpeg-turbo's defaults

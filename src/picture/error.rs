@@ -19,8 +19,8 @@ pub enum PictureError {
         /// Height, pixels.
         height: u32,
     },
-    /// More than 64 Mpixel.
-    #[error("picture of {width}×{height}: larger than the limit of 64 Mpixel")]
+    /// More than 64 Mpixel, or more than the calibration and configuration allow.
+    #[error("picture of {width}×{height}: larger than what is allowed here")]
     TooLarge {
         /// Width, pixels.
         width: u32,

@@ -518,3 +518,23 @@ fn rejects_malformed_jpegs() {
     );
     assert!(sizes.values().all(Option::is_none), "{sizes:?}");
 }
+
+/// A header claims 8192² pixels; the few bytes behind it would decode to gigabytes.
+#[test]
+fn large_pictures_are_refused_by_their_header() {
+    let mut png = Vec::new();
+    let mut encoder = png::Encoder::new(&mut png, 8192, 8192);
+    encoder.set_color(png::ColorType::Rgb);
+    drop(encoder.write_header().unwrap());
+    let mut picture = Picture::default();
+    let large = frame(PixelFormat::Png, 0, 0, png);
+    let error = decode_within(16 << 20, &large, &YuvEncoding::default(), &mut picture);
+    assert!(
+        matches!(error, Err(PictureError::TooLarge { width: 8192, .. })),
+        "{error:?}"
+    );
+    assert_eq!(picture, Picture::default());
+    let grey = frame(PixelFormat::Grey8, 8, 8, vec![0; 64]);
+    decode_within(64, &grey, &YuvEncoding::default(), &mut picture).unwrap();
+    assert!(decode_within(63, &grey, &YuvEncoding::default(), &mut picture).is_err());
+}

@@ -189,8 +189,8 @@ impl LensRecord {
             return Err(wrong("image_size", "[width, height] in pixels, 1 to 65536"));
         }
         let (focal, centre) = (DVec2::from(self.focal), DVec2::from(self.centre));
-        if !(focal.min_element() > 0.0 && focal.max_element() <= MAX_MAGNITUDE) {
-            return Err(wrong("focal", "[fx, fy] in pixels, above 0"));
+        if !(focal.min_element() >= 1.0 && focal.max_element() <= MAX_MAGNITUDE) {
+            return Err(wrong("focal", "[fx, fy], 1 to 1e6 pixels"));
         }
         if !centre.is_finite() || centre.abs().max_element() > MAX_MAGNITUDE {
             return Err(wrong("centre", "[cx, cy] in pixels"));

@@ -177,6 +177,53 @@ pub enum RigError {
         /// The error of the system.
         source: std::io::Error,
     },
+    /// A file or folder that the configuration names cannot be used.
+    #[error("`{key}`: {error}")]
+    Named {
+        /// The key of the configuration.
+        key: &'static str,
+        /// The reason.
+        error: Box<RigError>,
+    },
+    /// A file is where a folder should be.
+    #[error("{path}: is no folder; name another", path = path.display())]
+    NoFolder {
+        /// The file.
+        path: PathBuf,
+    },
+    /// A recording lacks the stream of a device.
+    #[error("{path}: has no {stream}; name another recording", path = path.display())]
+    Lacks {
+        /// The recording.
+        path: PathBuf,
+        /// The stream.
+        stream: &'static str,
+    },
+    /// The recording's pictures have another size than its calibration.
+    #[error(
+        "{path}: its pictures have {pictures} pixels, but its rig.json describes a camera of \
+         {calibrated}; attach the rig.json of this camera and mode",
+        path = path.display()
+    )]
+    PictureSize {
+        /// The session.
+        path: PathBuf,
+        /// Width and height of the pictures.
+        pictures: String,
+        /// Width and height by the calibration.
+        calibrated: String,
+    },
+    /// No picture of the scene camera could be decoded.
+    #[error(
+        "{path}: all {count} pictures of the scene camera are damaged; nothing was composed",
+        path = path.display()
+    )]
+    AllDamaged {
+        /// The session.
+        path: PathBuf,
+        /// Number of pictures.
+        count: u64,
+    },
     /// The session has no scene camera picture.
     #[error("{path}: has no scene camera picture to compose", path = path.display())]
     Empty {

@@ -25,6 +25,9 @@ const MAX_ENTRY_DELAY_NANOS: i64 = 2_000_000_000;
 /// Maximum number of bytes read ahead in search of a journal entry.
 const MAX_READ_AHEAD_BYTES: usize = 64 << 20;
 
+/// Maximum number of damaged parts that wait to be taken.
+const MAX_DAMAGE: usize = 1024;
+
 /// Pairs the events of a recording or of live devices.
 pub struct Feed {
     origin: Origin,
@@ -34,6 +37,8 @@ pub struct Feed {
     sphere_in_scene: bool,
     counts: FeedCounts,
     tracker: Counters,
+    /// Damaged parts of the recording that nobody has taken yet.
+    damage: Vec<SessionError>,
 }
 
 enum Origin {
@@ -79,8 +84,12 @@ pub struct FeedCounts {
     pub environment_frames: u64,
     /// Readings of the tracker.
     pub poses: u64,
+    /// Bytes of the tracker.
+    pub tracker_bytes: u64,
     /// Unreadable sections of the recording.
     pub damaged: u64,
+    /// When this was counted, by the system clock.
+    pub counted_at: MonotonicTime,
 }
 
 impl Feed {
@@ -111,6 +120,7 @@ impl Feed {
             origin,
             counts: FeedCounts::default(),
             tracker: Counters::default(),
+            damage: Vec::new(),
         }
     }
 
@@ -176,8 +186,13 @@ impl Feed {
             }
             match recorded.next() {
                 Some(Ok(event)) => self.push(event, monitor.as_deref_mut()),
-                // The reader continues behind the damaged section; the status counts it.
-                Some(Err(_)) => self.counts.damaged += 1,
+                // The reader continues behind the damaged section.
+                Some(Err(error)) => {
+                    self.counts.damaged += 1;
+                    if self.damage.len() < MAX_DAMAGE {
+                        self.damage.push(error);
+                    }
+                }
                 None => {
                     recorded.is_exhausted = true;
                     self.pairing.finish();
@@ -280,6 +295,7 @@ impl Feed {
             return;
         };
         let (pairing, counts) = (&mut self.pairing, &mut self.counts);
+        counts.tracker_bytes += bytes.len() as u64;
         decoder.push(bytes, arrived_at, |sample: PoseSample| {
             counts.poses += 1;
             pairing.push_pose(&sample);
@@ -294,16 +310,38 @@ impl Feed {
         self.decoder = None;
     }
 
+    /// Takes the damaged parts of the recording that were skipped since the last call.
+    pub fn take_damage(&mut self) -> Vec<SessionError> {
+        std::mem::take(&mut self.damage)
+    }
+
     /// Returns the counts of received data so far.
     #[must_use]
-    pub const fn counts(&self) -> FeedCounts {
-        self.counts
+    pub fn counts(&self) -> FeedCounts {
+        FeedCounts {
+            counted_at: SystemClock.now(),
+            ..self.counts
+        }
     }
 
     /// Returns the counts of the pairing so far.
     #[must_use]
     pub fn pairing_counts(&self) -> PairingCounts {
         self.pairing.counts()
+    }
+
+    /// Returns the estimated number of lost readings: by the tracker's rate, or by the bytes that
+    /// belonged to no record. The rate misses many if a quarter is lost; bytes miss whole records.
+    #[must_use]
+    pub fn lost_readings(&self) -> u64 {
+        let decoded = self.tracker_counters();
+        let intact = self
+            .counts
+            .tracker_bytes
+            .saturating_sub(decoded.skipped_bytes);
+        let lost_bytes = decoded.skipped_bytes.saturating_mul(decoded.records);
+        let by_bytes = lost_bytes.checked_div(intact).unwrap_or(0);
+        self.pairing.counts().lost_readings.max(by_bytes)
     }
 
     /// Returns the counters of the tracker's decoders so far, summed.

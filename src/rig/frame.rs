@@ -60,6 +60,8 @@ pub struct Counts {
     pub pairing: PairingCounts,
     /// Tracker bytes that belonged to no record.
     pub skipped_tracker_bytes: u64,
+    /// Estimated number of lost readings of the tracker.
+    pub lost_readings: u64,
     /// The tracker's latency.
     pub latency: LatencyState,
 }

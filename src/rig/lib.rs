@@ -14,7 +14,7 @@
 //! 5. `status` publishes the frame's figures; [`report`] sums them up after the run.
 //!
 //! Beside the frames: [`recorder`] writes deliveries into a session, [`service`] serves the status
-//! page and [`calibration_runner`] runs calibration steps on the same deliveries.
+//! page, [`check`] checks the files of a configuration, and [`calibration_runner`] runs calibration steps on the same deliveries.
 //!
 //! Threads are started through `penumbra_interface::threads`: `prepare` (frames), `light::worker`
 //! and `light::indirect` (light), `latency_monitor`, `reload` (scene files), `baking`, `recorder`,
@@ -23,6 +23,7 @@
 
 // What a run is made of.
 mod context;
+mod damage;
 mod error;
 mod markers;
 mod settings;
@@ -60,12 +61,14 @@ pub mod status;
 
 // Beside the frames.
 pub mod calibration_runner;
+pub mod check;
 pub mod recorder;
 pub mod service;
 pub mod simulate;
 pub mod wall_date;
 
 pub use context::RunOptions;
+pub use damage::{DamagedPart, LostCounts};
 pub use error::RigError;
 pub use penumbra_output::Screen;
 pub use recorder::Recorder;

@@ -1,5 +1,6 @@
 //! Publishes the state of live devices in the status.
 
+use crate::frame::Counts;
 use crate::rates::DeviceRate;
 use crate::source::Live;
 use penumbra_capture::{DeviceReport, DeviceState as Captured, DeviceStatus};
@@ -15,7 +16,7 @@ const BYTES_FOR_A_RECORD: u64 = 1000;
 
 /// Publishes the state of every device. `rates` are those of the scene camera, the environment
 /// camera and the tracker.
-pub(super) fn devices(s: &mut Snapshot, live: &Live, rates: &[DeviceRate; 3]) {
+pub(super) fn devices(s: &mut Snapshot, live: &Live, rates: &[DeviceRate; 3], counts: &Counts) {
     let now = SystemClock.now();
     let (devices, lost) = (live.supervised(), live.hub.counts());
     if s.devices.len() != devices.len() {
@@ -32,6 +33,11 @@ pub(super) fn devices(s: &mut Snapshot, live: &Live, rates: &[DeviceRate; 3]) {
         };
         write(device, &live.status(), rate, now);
         device.dropped += lost;
+        if live.kind == DeviceKind::Tracker {
+            device.dropped += counts.lost_readings;
+            let reason = device.reason.take();
+            device.reason = reason.or_else(|| counts.pairing.wrong_station());
+        }
     }
 }
 
@@ -85,18 +91,21 @@ fn write(device: &mut Device, status: &DeviceStatus, rate: &DeviceRate, now: Mon
             device.notes.extend(report.warning.clone());
             device.dropped = status.damaged;
             if status.bytes > BYTES_FOR_A_RECORD && rate.received == 0 {
-                device.reason = Some(unreadable(&report.protocol, status.bytes));
+                device.reason = Some(unreadable(&report.identity, &report.protocol, status.bytes));
             }
         }
     }
 }
 
 /// Message for a tracker whose bytes contain no record of its protocol.
-fn unreadable(protocol: &str, bytes: u64) -> String {
-    format!(
-        "received {bytes} bytes without a {protocol} record; check `protocol` and `baud` under \
-         [tracker]; `penumbra devices --probe` detects them"
-    )
+fn unreadable(identity: &str, protocol: &str, bytes: u64) -> String {
+    // Only a serial line has a baud rate, and only serial ports are probed.
+    let advice = if identity.starts_with("udp:") || identity.starts_with("vrpn:") {
+        "check `protocol` under [tracker], and what its sender sends"
+    } else {
+        "check `protocol` and `baud` under [tracker]; `penumbra devices --probe` detects them"
+    };
+    format!("received {bytes} bytes without a {protocol} record; {advice}")
 }
 
 fn camera(device: &mut Device, report: &CameraReport, status: &DeviceStatus) {
@@ -162,11 +171,16 @@ mod tests {
     }
 
     fn tracker(bytes: u64, poses: u64) -> Device {
+        tracker_at("usb-FTDI_X", bytes, poses)
+    }
+
+    fn tracker_at(identity: &str, bytes: u64, poses: u64) -> Device {
         let status = DeviceStatus {
             state: Captured::Streaming,
             bytes,
             received: 9,
             report: DeviceReport::Tracker(TrackerReport {
+                identity: identity.to_owned(),
                 protocol: "liberty".to_owned(),
                 ..TrackerReport::default()
             }),
@@ -184,6 +198,9 @@ mod tests {
             reason.contains("2000 bytes") && reason.contains("liberty"),
             "{reason}"
         );
+        assert!(reason.contains("`baud`"), "{reason}");
+        let reason = tracker_at("udp:0.0.0.0:40000", 2000, 0).reason.unwrap();
+        assert!(!reason.contains("baud"), "{reason}");
         assert_eq!(tracker(2000, 5).reason, None);
         assert_eq!(tracker(100, 0).reason, None);
     }

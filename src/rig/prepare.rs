@@ -31,8 +31,9 @@ use penumbra_config::TrackerSource;
 use penumbra_config::{Config, LookConfig, Predict, ReplayPairing};
 use penumbra_interface::threads;
 use penumbra_interface::{MonotonicTime, RigidTransform};
-use penumbra_picture::{Picture, YuvEncoding, decode_into};
+use penumbra_picture::{Picture, YuvEncoding, decode_within};
 use penumbra_registration::TrackerPose;
+use penumbra_session::SessionError;
 use penumbra_status::{RegistrationStatus, Settings};
 use penumbra_sync::{PairingConfig, RigFrame};
 use std::ops::RangeInclusive;
@@ -65,6 +66,8 @@ pub enum PreparationEvent {
     Skipped,
     /// A picture could not be decoded.
     Damaged,
+    /// A damaged part of the recording was skipped.
+    DamagedPart(Box<SessionError>),
     /// No camera has delivered a picture for a while.
     Idle(Box<Counts>),
     /// The recording has ended; another loop may follow.
@@ -268,7 +271,13 @@ impl Worker {
             if request.is_some_and(|request| request.is_err()) {
                 return false;
             }
-            let event = match self.feed.next_picture(self.latency.as_mut()) {
+            let next = self.feed.next_picture(self.latency.as_mut());
+            for error in self.feed.take_damage() {
+                if !self.send(PreparationEvent::DamagedPart(Box::new(error))) {
+                    return false;
+                }
+            }
+            let event = match next {
                 Next::Item(frame) => self.step(*frame),
                 Next::Idle => PreparationEvent::Idle(Box::new(self.counts(false))),
                 Next::Ended => return true,
@@ -317,6 +326,7 @@ impl Worker {
             feed: self.feed.counts(),
             pairing: self.feed.pairing_counts(),
             skipped_tracker_bytes: self.feed.tracker_counters().skipped_bytes,
+            lost_readings: self.feed.lost_readings(),
             latency: match &mut self.latency {
                 Some(monitor) => monitor.state(active_nanos, is_over),
                 None => LatencyState {
@@ -340,7 +350,8 @@ impl Worker {
         }
         let begun = Instant::now();
         let mut picture = self.recycled.try_recv().unwrap_or_default();
-        if decode_into(&frame.scene, &self.yuv, &mut picture).is_err() {
+        let max_pixels = self.setup.max_scene_pixels();
+        if decode_within(max_pixels, &frame.scene, &self.yuv, &mut picture).is_err() {
             return PreparationEvent::Damaged;
         }
         let decoding = begun.elapsed();

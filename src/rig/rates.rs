@@ -10,6 +10,8 @@ use std::time::Duration;
 const MAX_READINGS: usize = 64;
 /// Length of the window over which rates are computed, seconds.
 const WINDOW_SECONDS: f64 = 2.0;
+/// Minimum span of the readings of which a rate is computed, seconds; before that it is 0.
+const MIN_SPAN_SECONDS: f64 = 0.25;
 
 /// Deliveries of one device. They are read in batches, once per composed picture, so their rate is
 /// computed from counts and not from single arrival times.
@@ -42,7 +44,7 @@ impl Deliveries {
             return 0.0;
         };
         let span = newest.0.seconds_since(first.0);
-        if span > 0.0 {
+        if span >= MIN_SPAN_SECONDS {
             (newest.1 - first.1) as f64 / span
         } else {
             0.0
@@ -96,7 +98,8 @@ impl Rates {
 
     /// Records the deliveries so far while no picture is composed.
     pub fn record_idle(&mut self, counts: &FeedCounts) {
-        let now = self.clock.now();
+        // A picture is composed some time after its counting; the first one, long after.
+        let now = counts.counted_at;
         let received = [counts.scene_frames, counts.environment_frames, counts.poses];
         for (device, received) in self.devices.iter_mut().zip(received) {
             device.add(received, now);
@@ -145,6 +148,23 @@ mod tests {
         // Four deliveries in the last two seconds.
         assert!((device.per_second(now) - 2.0).abs() < 1e-9);
         assert!(device.per_second(now + Duration::from_secs(3)).abs() < 1e-9);
+    }
+
+    /// While the first picture is composed (shaders are compiled), deliveries queue up.
+    #[test]
+    fn rate_is_right_from_the_start() {
+        let mut device = Deliveries::default();
+        let start = MonotonicTime::default();
+        let mut add = |seconds: f64| {
+            let now = start + Duration::from_secs_f64(seconds);
+            device.add((120.0 * seconds) as u64, now);
+            device.per_second(now)
+        };
+        assert!(add(0.1).abs() < 1e-9);
+        assert!(add(0.15).abs() < 1e-9);
+        for seconds in [1.6, 1.63, 1.66, 1.7, 2.5] {
+            assert!((add(seconds) - 120.0).abs() < 2.0);
+        }
     }
 
     #[test]

@@ -1,5 +1,6 @@
 //! The report of a replay, written by `--report FILE.json`.
 
+use crate::damage::DamagedPart;
 use penumbra_config::Quality;
 use penumbra_status::StageTimes;
 use penumbra_sync::PairingCounts;
@@ -25,6 +26,8 @@ pub struct Report {
     pub frames: FrameCounts,
     /// Tracker and environment counts.
     pub inputs: InputCounts,
+    /// The damaged parts of the file, at most 256, and what they held.
+    pub damage: Vec<DamagedPart>,
     /// Age of the environment picture at the exposure of the scene picture, milliseconds.
     pub skew_ms: Skew,
     /// The tracker's latency; null if it was not measured.
@@ -67,6 +70,8 @@ pub struct FrameCounts {
     pub skipped: u64,
     /// Skipped because they were damaged.
     pub damaged: u64,
+    /// Lost in damaged parts of the recording.
+    pub lost: u64,
     /// Composed without a pose: the camera's picture without virtual objects.
     pub without_pose: u64,
     /// Composed with a predicted pose.
@@ -88,10 +93,16 @@ pub struct InputCounts {
     pub poses: u64,
     /// Tracker readings rejected as implausible.
     pub rejected_poses: u64,
+    /// Estimated number of tracker readings lost on their way.
+    pub lost_poses: u64,
     /// Tracker bytes that belonged to no record.
     pub skipped_tracker_bytes: u64,
     /// Number of times that the clock went back.
     pub time_jumps: u64,
+    /// Pictures of the environment camera lost in damaged parts of the recording.
+    pub lost_environment_frames: u64,
+    /// Messages of the tracker lost in damaged parts of the recording.
+    pub lost_tracker_messages: u64,
     /// Parts of the file that could not be read.
     pub damaged_stretches: u64,
 }

@@ -3,6 +3,7 @@
 mod recovery;
 
 use crate::context::RunContext;
+use crate::damage::DamageLog;
 use crate::display::DisplayLatency;
 use crate::error::RigError;
 use crate::frame::{Counts, PreparedFrame};
@@ -75,6 +76,7 @@ pub(super) struct Run {
     requested: tokio::sync::watch::Receiver<Settings>,
     stages: StageTimes,
     pub frames: FrameCounts,
+    pub damage: DamageLog,
     inputs: InputCounts,
     counts: Option<Counts>,
     latency: LatencyState,
@@ -90,6 +92,8 @@ pub(super) struct Run {
     started: Instant,
     /// Whether a picture has been composed.
     has_picture: bool,
+    /// Whether the log names the tracker's wrong station.
+    warned_of_station: bool,
     /// Whether the user has closed the screen.
     is_closed: bool,
     /// Number of times that the graphics device was lost since the last composed picture.
@@ -129,6 +133,10 @@ impl Run {
             requested: context.status.settings_receiver(),
             stages: StageTimes::default(),
             frames: FrameCounts::default(),
+            damage: match &context.source {
+                Source::Recorded(session) => DamageLog::new(session.damage(), &context.status),
+                Source::Live(_) => DamageLog::default(),
+            },
             inputs: InputCounts::default(),
             counts: None,
             latency: LatencyState::default(),
@@ -141,6 +149,7 @@ impl Run {
             lamps: Vec::new(),
             started: Instant::now(),
             has_picture: false,
+            warned_of_station: false,
             is_closed: false,
             successive_losses: 0,
         })
@@ -209,6 +218,7 @@ impl Run {
             self.stages.record("arrival_to_picture", latency);
         }
         self.counts = Some(prepared.counts);
+        self.check_station(&prepared.counts);
         self.frames.skipped += prepared.skipped;
         self.count(prepared);
         let environment = prepared.frame.environment.as_ref();
@@ -220,6 +230,7 @@ impl Run {
             prepared,
             stages: &self.stages,
             frames: &self.frames,
+            lost: self.damage.counts,
             rates: &self.rates,
             played: context.source.share_played(prepared.frame.scene.arrived_at),
             settings: &self.settings,
@@ -230,6 +241,16 @@ impl Run {
             stale_after_nanos: context.config.environment.stale_after_nanos,
         });
         Ok(())
+    }
+
+    /// Warns once if the tracker sends readings of other stations only.
+    fn check_station(&mut self, counts: &Counts) {
+        if !self.warned_of_station
+            && let Some(problem) = counts.pairing.wrong_station()
+        {
+            tracing::warn!("tracker: {problem}");
+            self.warned_of_station = true;
+        }
     }
 
     /// Handles a pause without pictures: keeps the last picture on the screen, or a black one if
@@ -256,7 +277,9 @@ impl Run {
         }
         self.counts = Some(*counts);
         self.rates.record_idle(&counts.feed);
-        published::publish_idle(&context.status, &context.source, &self.rates);
+        self.check_station(counts);
+        let figures = (&self.rates, counts);
+        published::publish_idle(&context.status, &context.source, figures);
         Ok(())
     }
 
@@ -391,6 +414,7 @@ impl Run {
     pub fn finish_loop(&mut self, context: &RunContext, counts: &Counts) {
         self.add(counts);
         self.counts = None;
+        self.damage.complete();
         context.status.update(|s| s.session.loops += 1);
     }
 
@@ -403,6 +427,48 @@ impl Run {
         self.inputs.poses = counts.feed.poses;
         self.inputs.damaged_stretches = counts.feed.damaged;
         self.inputs.skipped_tracker_bytes = counts.skipped_tracker_bytes;
+        self.inputs.lost_poses = counts.lost_readings;
+    }
+
+    /// Refuses a recording of which no picture could be composed.
+    fn check_composed(&self, context: &RunContext) -> Result<(), RigError> {
+        let Source::Recorded(session) = &context.source else {
+            return Ok(());
+        };
+        let frames = &self.frames;
+        if frames.composed + frames.skipped > 0 || context.is_shutting_down() {
+            return Ok(());
+        }
+        let path = session.path().to_owned();
+        match frames.damaged + self.damage.counts.scene_frames {
+            0 if frames.in_session == 0 => Err(RigError::Empty { path }),
+            0 => Ok(()),
+            count => Err(RigError::AllDamaged { path, count }),
+        }
+    }
+
+    /// Refuses a recording whose first picture has another size than the calibrated one.
+    ///
+    /// # Errors
+    /// It has; virtual objects would be nowhere right.
+    pub fn check_size(
+        &self,
+        context: &RunContext,
+        prepared: &PreparedFrame,
+    ) -> Result<(), RigError> {
+        let Source::Recorded(session) = &context.source else {
+            return Ok(());
+        };
+        let (picture, calibrated) = (&prepared.picture, context.picture_size());
+        let fits = (picture.width, picture.height) == calibrated;
+        if self.frames.composed > 0 || fits || !context.setup.calibrated {
+            return Ok(());
+        }
+        Err(RigError::PictureSize {
+            path: session.path().to_owned(),
+            pictures: format!("{}x{}", picture.width, picture.height),
+            calibrated: format!("{}x{}", calibrated.0, calibrated.1),
+        })
     }
 
     /// Ends the run: completes the outputs and returns the report.
@@ -413,15 +479,7 @@ impl Run {
         if let Some(counts) = self.counts.take() {
             self.add(&counts);
         }
-        let is_empty = self.frames.in_session == 0 && self.frames.composed == 0;
-        if let Source::Recorded(session) = &context.source
-            && is_empty
-            && !context.is_shutting_down()
-        {
-            return Err(RigError::Empty {
-                path: session.path().to_owned(),
-            });
-        }
+        self.check_composed(context)?;
         if self.frames.composed > 0 && self.has_picture {
             // The dashboard shows the last picture after the end of the run.
             self.publish_picture(context)?;
@@ -435,6 +493,9 @@ impl Run {
         if let Some(poses) = self.poses {
             poses.finish()?;
         }
+        self.frames.lost = self.damage.counts.scene_frames;
+        self.inputs.lost_environment_frames = self.damage.counts.environment_frames;
+        self.inputs.lost_tracker_messages = self.damage.counts.tracker_messages;
         let (width, height) = self.compositor.size().unwrap_or_default();
         let (lights, compact_lights) = self.light.count();
         Ok(Report {
@@ -446,6 +507,7 @@ impl Run {
             resolution: [width, height],
             frames: self.frames,
             inputs: self.inputs,
+            damage: self.damage.parts,
             skew_ms: self.skew.skew(),
             tracker_latency: crate::latency_status::report(&self.latency),
             white_balance: self.light.white_balance.map(|status| (*status).clone()),

@@ -104,24 +104,37 @@ impl Runner {
         };
         let mut run = Run::new(context, gpu, outputs, scene_updates)?;
         while !run.is_over(context) {
-            let Some(step) = preparation.next() else {
+            let Some(event) = preparation.next() else {
                 break;
             };
-            match step {
-                PreparationEvent::Frame(prepared) => {
-                    run.compose(context, &prepared)?;
-                    preparation.give_back(prepared.picture);
-                }
-                PreparationEvent::Skipped => run.frames.skipped += 1,
-                PreparationEvent::Damaged => run.frames.damaged += 1,
-                PreparationEvent::Idle(counts) => run.idle(context, &counts)?,
-                PreparationEvent::End(counts) => run.finish_loop(context, &counts),
-            }
+            handle(event, context, &mut run, &preparation)?;
             notifier.turn(|| status_line(context));
         }
         drop(preparation);
         run.into_report(context)
     }
+}
+
+/// Composes a prepared frame, or counts why there is none.
+fn handle(
+    event: PreparationEvent,
+    context: &RunContext,
+    run: &mut Run,
+    preparation: &Preparation,
+) -> Result<(), RigError> {
+    match event {
+        PreparationEvent::Frame(prepared) => {
+            run.check_size(context, &prepared)?;
+            run.compose(context, &prepared)?;
+            preparation.give_back(prepared.picture);
+        }
+        PreparationEvent::Skipped => run.frames.skipped += 1,
+        PreparationEvent::Damaged => run.frames.damaged += 1,
+        PreparationEvent::DamagedPart(error) => run.damage.add(&error, &context.status),
+        PreparationEvent::Idle(counts) => run.idle(context, &counts)?,
+        PreparationEvent::End(counts) => run.finish_loop(context, &counts),
+    }
+    Ok(())
 }
 
 /// Refuses more dome lights than the adapter can hold shadow maps for.

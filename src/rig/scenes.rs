@@ -7,7 +7,7 @@ use crate::planes::PlaneBakes;
 use crate::reload::{Loaded, Origin, Reload, ReloadOutcome};
 use crate::setup::RigSetup;
 use glam::DQuat;
-use penumbra_compositor::Compositor;
+use penumbra_compositor::{Compositor, fitted, max_side};
 use penumbra_config::Config;
 use penumbra_lighting::Lighting;
 use penumbra_scene::Scene;
@@ -58,7 +58,7 @@ impl Scenes {
             }
             SceneChoice::Session | SceneChoice::None => None,
         };
-        publish_warnings(context, &shown);
+        publish_warnings(context, &shown, compositor);
         Ok(Self {
             shown,
             next: None,
@@ -118,9 +118,11 @@ impl Scenes {
             self.scene_updates.set_scene(next.light);
             let old = std::mem::replace(&mut self.shown, next.scene);
             context.status.update(|s| {
-                old.warnings.iter().for_each(|text| s.clear_warning(text));
+                let large = large_textures(&old, compositor);
+                let warnings = old.warnings.iter().chain(&large);
+                warnings.for_each(|text| s.clear_warning(text));
             });
-            publish_warnings(context, &self.shown);
+            publish_warnings(context, &self.shown, compositor);
             self.status.loads += 1;
         }
         if self.dome_rotation != planes.dome_rotation() {
@@ -154,9 +156,31 @@ impl Scenes {
     }
 }
 
+/// Returns warnings about textures that the adapter cannot hold; the compositor scales them.
+fn large_textures(scene: &Scene, compositor: &Compositor) -> Vec<String> {
+    let max = max_side(&compositor.gpu().device);
+    let mut warnings: Vec<String> = Vec::new();
+    for part in &scene.virtual_parts {
+        for texture in part.material.textures() {
+            let size = (texture.width, texture.height);
+            let (width, height) = fitted(size, max);
+            let text = format!(
+                "{}: a texture of {}x{} is scaled to {width}x{height}, because this adapter's \
+                 limit is {max}",
+                part.name, size.0, size.1
+            );
+            if size != (width, height) && !warnings.contains(&text) {
+                warnings.push(text);
+            }
+        }
+    }
+    warnings
+}
+
 /// Publishes the warnings of a scene.
-fn publish_warnings(context: &RunContext, scene: &Scene) {
-    for text in &scene.warnings {
+fn publish_warnings(context: &RunContext, scene: &Scene, compositor: &Compositor) {
+    let large = large_textures(scene, compositor);
+    for text in scene.warnings.iter().chain(&large) {
         tracing::warn!("{text}");
         context.status.update(|s| s.warn(text));
     }

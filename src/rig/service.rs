@@ -16,8 +16,8 @@ pub struct Service {
 }
 
 impl Service {
-    /// Serves `server`, if there is one. SIGINT (Ctrl-C) and SIGTERM set `shutdown`, which the
-    /// frame loop checks.
+    /// Serves `server`, if there is one. SIGINT (Ctrl-C), SIGTERM and SIGHUP (its terminal is
+    /// closed) set `shutdown`, which the frame loop checks.
     ///
     /// # Errors
     /// The system cannot provide a thread, a runtime or a signal handler.
@@ -86,6 +86,8 @@ async fn handle_signals(mut signals: Signals, shutdown: &AtomicBool) {
 struct Signals {
     interrupt: tokio::signal::unix::Signal,
     terminate: tokio::signal::unix::Signal,
+    /// `None` if the signal is ignored, as `nohup` has it.
+    hang_up: Option<tokio::signal::unix::Signal>,
 }
 
 #[cfg(unix)]
@@ -95,16 +97,36 @@ impl Signals {
         Ok(Self {
             interrupt: signal(SignalKind::interrupt())?,
             terminate: signal(SignalKind::terminate())?,
+            hang_up: (!ignores_hang_up())
+                .then(|| signal(SignalKind::hangup()))
+                .transpose()?,
         })
     }
 
     /// Waits for a signal; returns false if none can arrive any more.
     async fn next(&mut self) -> bool {
+        let hang_up = async {
+            match &mut self.hang_up {
+                Some(signal) => signal.recv().await,
+                None => std::future::pending().await,
+            }
+        };
         tokio::select! {
             signal = self.interrupt.recv() => signal.is_some(),
             signal = self.terminate.recv() => signal.is_some(),
+            signal = hang_up => signal.is_some(),
         }
     }
+}
+
+/// Returns whether SIGHUP is ignored; unknown on other systems than Linux.
+#[cfg(unix)]
+fn ignores_hang_up() -> bool {
+    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let ignored = status.lines().find_map(|line| line.strip_prefix("SigIgn:"));
+    let ignored = ignored.and_then(|mask| u64::from_str_radix(mask.trim(), 16).ok());
+    // Signal 1.
+    ignored.is_some_and(|mask| mask & 1 == 1)
 }
 
 /// The signals that end the program.

@@ -26,7 +26,24 @@ pub struct RigSetup {
     pub calibrated: bool,
 }
 
+/// Number of pixels that a picture may have whatever the calibration: 16 Mpixel.
+const ALWAYS_ALLOWED_PIXELS: u64 = 16 << 20;
+
+/// Returns the maximum number of pixels of a camera's pictures. A calibrated camera may have been
+/// set to another mode, but not to any.
+pub(crate) fn max_pixels(calibrated: (u32, u32)) -> u64 {
+    let (width, height) = calibrated;
+    let calibrated = u64::from(width) * u64::from(height);
+    ALWAYS_ALLOWED_PIXELS.max(4 * calibrated)
+}
+
 impl RigSetup {
+    /// Returns the maximum number of pixels of the scene camera's pictures.
+    pub(crate) fn max_scene_pixels(&self) -> u64 {
+        let camera = &self.calibration.scene_camera.camera;
+        max_pixels((camera.width, camera.height))
+    }
+
     /// Reads calibration and scene from `source` and `config`.
     ///
     /// # Errors

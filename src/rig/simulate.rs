@@ -3,6 +3,7 @@
 
 use crate::service::Service;
 use penumbra_interface::SystemClock;
+use penumbra_picture::read_text_bounded;
 use penumbra_session::{Session, SessionError, SessionEvent};
 #[cfg(unix)]
 use penumbra_synthetic::Pty;
@@ -147,12 +148,15 @@ fn at_pty(
     Err(failed("pseudo-terminal", io::ErrorKind::Unsupported.into()))
 }
 
+/// Maximum size of a trajectory file, bytes.
+const MAX_TRAJECTORY_BYTES: u64 = 64 << 20;
+
 /// Returns the data source, and the protocol of a recording.
 fn source(source: &SimulatedSource) -> Result<(Source, Option<String>), SimulateError> {
     match source {
         SimulatedSource::Orbit => Ok((Source::Trajectory(Trajectory::default()), None)),
         SimulatedSource::File(path) => {
-            let text = std::fs::read_to_string(path)
+            let text = read_text_bounded(path, MAX_TRAJECTORY_BYTES)
                 .map_err(|e| failed(&path.display().to_string(), e))?;
             let trajectory =
                 Trajectory::parse(&text).map_err(|source| SimulateError::Trajectory {

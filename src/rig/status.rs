@@ -1,6 +1,7 @@
 //! Publishes the state of a run in the status.
 
-use crate::frame::PreparedFrame;
+use crate::damage::LostCounts;
+use crate::frame::{Counts, PreparedFrame};
 use crate::latency_status;
 use crate::light::state::LightState;
 use crate::live_status;
@@ -38,6 +39,8 @@ pub struct Published<'a> {
     pub stages: &'a StageTimes,
     /// Counts so far.
     pub frames: &'a FrameCounts,
+    /// What the damaged parts of the recording held.
+    pub lost: LostCounts,
     /// Rates of composed frames and of the devices.
     pub rates: &'a Rates,
     /// Share of the recording that has been played.
@@ -103,11 +106,11 @@ const UNCALIBRATED: &str = "the rig is not calibrated, so no virtual objects are
     `[calibration] from` to the folder of its calibration";
 
 /// Publishes the state of a live rig while no picture arrives.
-pub fn publish_idle(status: &SharedStatus, source: &Source, rates: &Rates) {
+pub fn publish_idle(status: &SharedStatus, source: &Source, (rates, counts): (&Rates, &Counts)) {
     let Source::Live(live) = source else { return };
     status.update(|s| {
         s.frames.per_second = rates.pictures_per_second();
-        live_status::devices(s, live, &rates.devices());
+        live_status::devices(s, live, &rates.devices(), counts);
         live_status::session(s);
     });
 }
@@ -122,6 +125,7 @@ pub fn publish(p: &Published<'_>) {
         s.frames.arrived = p.frames.composed + p.frames.skipped + p.frames.damaged;
         s.frames.composed = p.frames.composed;
         s.frames.skipped = p.frames.skipped + p.frames.damaged;
+        s.frames.lost = p.lost.scene_frames;
         s.frames.without_pose = p.frames.without_pose;
         s.frames.per_second = p.rates.pictures_per_second();
         s.session.progress = p.played;
@@ -136,6 +140,7 @@ pub fn publish(p: &Published<'_>) {
             s.warn(warning);
         }
         pairing(s, frame, p.rates);
+        s.pairing.rejected_poses = p.prepared.counts.pairing.rejected_poses;
         latency_status::publish(s, p.prepared);
         let sigma = p.prepared.tracker_sigma;
         s.pairing.pose_sigma_mm = sigma.map(|[mm, ..]| mm);
@@ -151,7 +156,7 @@ pub fn publish(p: &Published<'_>) {
                 devices(s, p);
             }
             Source::Live(live) => {
-                live_status::devices(s, live, &p.rates.devices());
+                live_status::devices(s, live, &p.rates.devices(), &p.prepared.counts);
                 live_status::session(s);
             }
         }
@@ -320,6 +325,18 @@ fn devices(s: &mut Snapshot, p: &Published<'_>) {
         ];
     }
     let delivering = [true, frame.environment.is_some(), frame.pose.is_some()];
+    let lost = [
+        p.lost.scene_frames,
+        p.lost.environment_frames,
+        p.lost.tracker_messages,
+    ];
+    for (device, lost) in s.devices.iter_mut().zip(lost) {
+        device.dropped = lost;
+        if device.kind == DeviceKind::Tracker {
+            // The readings of a damaged part are missing in the stream, too.
+            device.dropped = lost.max(p.prepared.counts.lost_readings);
+        }
+    }
     for ((device, delivers), rate) in s.devices.iter_mut().zip(delivering).zip(p.rates.devices()) {
         let state = if delivers {
             DeviceState::Streaming
@@ -328,6 +345,9 @@ fn devices(s: &mut Snapshot, p: &Published<'_>) {
         };
         if device.state != state {
             device.enter(state, None);
+        }
+        if device.kind == DeviceKind::Tracker {
+            device.reason = p.prepared.counts.pairing.wrong_station();
         }
         device.received = rate.received;
         device.per_second = rate.per_second;

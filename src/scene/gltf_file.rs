@@ -147,17 +147,24 @@ pub(super) fn read_file(path: &Path) -> Result<Vec<u8>, SceneError> {
 
 /// Reads a file inside `folder`; links must not lead out of it.
 fn read_relative(folder: &Path, uri: &str) -> Result<Vec<u8>, Fault> {
+    let path = path_inside(folder, uri)?
+        .ok_or("it lies outside the model's folder; put the file itself there")?;
+    read_file(&path).map_err(|e| e.to_string())
+}
+
+/// Returns the path of a file, with links followed; `None` if it is outside `folder`.
+///
+/// # Errors
+/// There is no such file.
+pub(super) fn path_inside(folder: &Path, name: &str) -> Result<Option<PathBuf>, Fault> {
     let folder = if folder.as_os_str().is_empty() {
         Path::new(".")
     } else {
         folder
     };
     let canonical = |p: &Path| p.canonicalize().map_err(|e| e.to_string());
-    let (home, path) = (canonical(folder)?, canonical(&folder.join(uri))?);
-    if !path.starts_with(&home) {
-        return Err("it lies outside the model's folder; put the file itself there".into());
-    }
-    read_file(&path).map_err(|e| e.to_string())
+    let (home, path) = (canonical(folder)?, canonical(&folder.join(name))?);
+    Ok(path.starts_with(&home).then_some(path))
 }
 
 /// Reads a glTF from memory. `file` is its name, for messages; `resolve` returns the files that it

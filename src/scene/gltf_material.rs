@@ -13,7 +13,7 @@ use std::sync::Arc;
 
 /// Maximum size of all decoded textures of a file, bytes: a PNG of one colour is compressed by a
 /// factor of a thousand, so the file's size is no limit.
-const TEXTURE_BYTES: u64 = 1 << 30;
+const TEXTURE_BYTES: u64 = 1 << 29;
 
 /// The set of texture coordinates of a material and its transform (KHR_texture_transform). A vertex
 /// has one set: that of the first texture.
@@ -263,7 +263,7 @@ pub(super) fn decode(bytes: &[u8], max_bytes: u64) -> Result<SceneTexture, Fault
     let size = 4 * u64::from(width) * u64::from(height);
     if width.max(height) > MAX_TEXTURE_SIZE || size > max_bytes {
         return Err(format!(
-            "{width}x{height} is too large (at most {MAX_TEXTURE_SIZE} a side, 1 GiB together); scale it down"
+            "{width}x{height} is too large (at most {MAX_TEXTURE_SIZE} a side, 512 MiB together); scale it down"
         ));
     }
     let mut limits = image::Limits::default();

@@ -86,15 +86,19 @@ impl Material {
     /// Whether a texture varies any of its properties.
     #[must_use]
     pub fn is_textured(&self) -> bool {
-        [
+        self.textures().next().is_some()
+    }
+
+    /// Its textures.
+    pub fn textures(&self) -> impl Iterator<Item = &Arc<SceneTexture>> {
+        let textures = [
             &self.base_colour_texture,
             &self.metallic_roughness_texture,
             &self.normal_texture,
             &self.occlusion_texture,
             &self.emissive_texture,
-        ]
-        .iter()
-        .any(|texture| texture.is_some())
+        ];
+        textures.into_iter().flatten()
     }
 }
 

@@ -2,10 +2,11 @@
 
 use super::SessionError;
 use super::records::{
-    self, CHUNK_HEADER_MAX, Channel, ChunkHeader, MAGIC, RECORD_HEADER, op, record_header,
+    self, CHUNK_HEADER_MAX, Channel, ChunkHeader, ChunkIndex, FOOTER, MAGIC, RECORD_HEADER, op,
+    record_header, records_in,
 };
 use bytes::Bytes;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs::File;
 use std::io::{self, BufReader, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
@@ -27,12 +28,18 @@ pub(super) const MAX_ATTACHMENT_BYTES: u64 = 256 << 20;
 pub(super) const MAX_ATTACHMENTS_BYTES: u64 = 1 << 30;
 /// Maximum size of a chunk, compressed or not, bytes.
 pub(super) const MAX_CHUNK_BYTES: u64 = 512 << 20;
+/// Maximum size of the summary at the end of a file, bytes.
+const MAX_SUMMARY_BYTES: u64 = 256 << 20;
+/// Maximum number of damaged parts that are kept.
+const MAX_DAMAGED_PARTS: usize = 1024;
 /// Maximum size of a record of another kind, bytes.
 const MAX_RECORD_BYTES: u64 = 1 << 20;
 
 /// A complete chunk.
 #[derive(Clone, Debug)]
 pub(super) struct ChunkLocation {
+    /// Offset of its record in the file.
+    pub record_at: u64,
     /// Offset of its compressed data in the file.
     pub offset: u64,
     pub header: ChunkHeader,
@@ -52,7 +59,21 @@ pub(super) struct Container {
     /// The end of a finished file is missing.
     pub truncated: bool,
     /// Unreadable parts of the file.
-    pub damage: Vec<SessionError>,
+    pub damage: Vec<DamagedPart>,
+}
+
+/// An unreadable part of a file.
+#[derive(Clone, Debug)]
+pub(super) struct DamagedPart {
+    /// Offset of the part in the file.
+    pub offset: u64,
+    /// Offset of the index of its messages in the file.
+    pub index_at: u64,
+    /// Offset of its first message in the decompressed chunk.
+    pub from: u64,
+    /// Log times of its first and its last message, if they are known.
+    pub times: Option<(u64, u64)>,
+    pub reason: String,
 }
 
 impl Container {
@@ -73,6 +94,7 @@ impl Container {
         while let Some(end) = container.visit(&mut file, at)? {
             at = end;
         }
+        container.add_unvisited_chunks(&mut file)?;
         // Stable: chunks that begin at the same instant stay in file order.
         container
             .chunks
@@ -139,13 +161,17 @@ impl Container {
         let header = records::chunk_header(&head)
             .filter(|header| header.len.saturating_add(header.compressed_size) <= body_len);
         let Some(header) = header else {
-            self.damage.push(self.damaged(body, "a chunk's header"));
+            self.add_damage(body, body + body_len, None, "a chunk's header");
             return Ok(());
         };
         let bytes = header.compressed_size.max(header.uncompressed_size);
         self.check_size("a chunk", bytes, MAX_CHUNK_BYTES)?;
         let offset = body + header.len;
-        self.chunks.push(ChunkLocation { offset, header });
+        self.chunks.push(ChunkLocation {
+            record_at: body - RECORD_HEADER as u64,
+            offset,
+            header,
+        });
         Ok(())
     }
 
@@ -160,7 +186,7 @@ impl Container {
         self.check_size("all attachments", held + body_len, MAX_ATTACHMENTS_BYTES)?;
         let bytes = self.read(file, body, body_len)?;
         let Some((name, media_type, data)) = records::attachment(&bytes) else {
-            self.damage.push(self.damaged(body, "an attachment"));
+            self.add_damage(body, body + body_len, None, "an attachment");
             return Ok(());
         };
         if !is_inside(&name) {
@@ -176,28 +202,108 @@ impl Container {
         Ok(())
     }
 
+    /// Adds the chunks that the summary at the end of a finished file states and that the walk over
+    /// the records has missed: a damaged length leads it astray.
+    fn add_unvisited_chunks(&mut self, file: &mut BufReader<File>) -> Result<(), SessionError> {
+        let Some(summary) = self.summary(file)? else {
+            return Ok(());
+        };
+        self.truncated = false;
+        let visited: BTreeSet<u64> = self.chunks.iter().map(|chunk| chunk.record_at).collect();
+        for record in records_in(&summary).map_while(Result::ok) {
+            let body = &summary[record.start..record.end];
+            match record.opcode {
+                op::CHANNEL => {
+                    let channel = records::channel(body);
+                    self.channels.extend(channel.map(|c| (c.id, c)));
+                }
+                op::CHUNK_INDEX => {
+                    let index = records::chunk_index(body);
+                    if let Some(index) = index.filter(|index| !visited.contains(&index.offset)) {
+                        self.add_indexed_chunk(file, &index)?;
+                    }
+                }
+                _ => {}
+            }
+        }
+        Ok(())
+    }
+
+    fn add_indexed_chunk(
+        &mut self,
+        file: &mut BufReader<File>,
+        index: &ChunkIndex,
+    ) -> Result<(), SessionError> {
+        let body = index.offset.saturating_add(RECORD_HEADER as u64);
+        let end = index.offset.saturating_add(index.len);
+        if body > end || end > self.len || self.damage.iter().any(|d| d.index_at == end) {
+            return Ok(());
+        }
+        let head = self.read(file, index.offset, RECORD_HEADER as u64)?;
+        if record_header(&head) == Some((op::CHUNK, end - body)) {
+            return self.add_chunk(file, body, end - body);
+        }
+        let times = Some((index.start_time, index.end_time));
+        self.add_damage(index.offset, end, times, "a chunk's length or kind");
+        Ok(())
+    }
+
+    /// Returns the summary at the end of a finished file; `None` without one, or if it is damaged.
+    fn summary(&self, file: &mut BufReader<File>) -> Result<Option<Bytes>, SessionError> {
+        let end = (FOOTER + MAGIC.len()) as u64;
+        let Some(body) = self.len.checked_sub(end) else {
+            return Ok(None);
+        };
+        let footer_at = body.saturating_sub(RECORD_HEADER as u64);
+        let tail = self.read(file, footer_at, self.len - footer_at)?;
+        let header = record_header(&tail).filter(|_| tail.ends_with(&MAGIC));
+        if header != Some((op::FOOTER, FOOTER as u64)) {
+            return Ok(None);
+        }
+        let footer = &tail[RECORD_HEADER..RECORD_HEADER + FOOTER];
+        let Some((start, crc)) = records::footer(footer).filter(|(start, _)| *start > 0) else {
+            return Ok(None);
+        };
+        let Some(len) = footer_at
+            .checked_sub(start)
+            .filter(|l| *l <= MAX_SUMMARY_BYTES)
+        else {
+            return Ok(None);
+        };
+        let summary = self.read(file, start, len)?;
+        // The checksum covers the footer up to itself.
+        let mut hasher = crc32fast::Hasher::new();
+        hasher.update(&summary);
+        hasher.update(&tail[..RECORD_HEADER + FOOTER - size_of::<u32>()]);
+        Ok((crc == 0 || crc == hasher.finalize()).then_some(summary))
+    }
+
     /// Returns the records of a chunk, decompressed and checked.
     pub fn unpack(
         &self,
         file: &mut (impl Read + Seek),
         chunk: &ChunkLocation,
-    ) -> Result<Bytes, SessionError> {
-        let packed = self.read(file, chunk.offset, chunk.header.compressed_size)?;
-        let size = chunk.header.uncompressed_size;
-        let unpacked = decompress(&chunk.header.compression, packed, size)
-            .map_err(|reason| self.damaged(chunk.offset, &reason))?;
-        let crc = chunk.header.uncompressed_crc;
+    ) -> Result<Result<Bytes, DamagedPart>, SessionError> {
+        let ChunkLocation { offset, header, .. } = chunk;
+        let packed = self.read(file, *offset, header.compressed_size)?;
+        let damaged = |reason| Ok(Err(DamagedPart::of_chunk(*offset, header, 0, reason)));
+        let size = header.uncompressed_size;
+        let unpacked = match decompress(&header.compression, packed, size) {
+            Ok(unpacked) => unpacked,
+            Err(reason) => return damaged(reason),
+        };
+        let crc = header.uncompressed_crc;
         if unpacked.len() as u64 != size {
-            return Err(self.damaged(chunk.offset, "a chunk of another size than stated"));
+            return damaged("a chunk of another size than stated".to_owned());
         }
         if crc != 0 && crc != crc32fast::hash(&unpacked) {
-            return Err(self.damaged(chunk.offset, "a chunk's checksum is wrong"));
+            return damaged("a chunk's checksum is wrong".to_owned());
         }
-        Ok(unpacked)
+        Ok(Ok(unpacked))
     }
 
     /// Reads `len` bytes at `at`; the caller has checked `len` against the file or a limit.
-    fn read(
+    pub fn read(
         &self,
         file: &mut (impl Read + Seek),
         at: u64,
@@ -217,11 +323,15 @@ impl Container {
         SessionError::Io { path, source }
     }
 
-    pub fn damaged(&self, offset: u64, reason: &str) -> SessionError {
-        SessionError::Damaged {
-            path: self.path.clone(),
-            offset,
-            reason: reason.to_owned(),
+    fn add_damage(&mut self, offset: u64, end: u64, times: Option<(u64, u64)>, reason: &str) {
+        if self.damage.len() < MAX_DAMAGED_PARTS {
+            self.damage.push(DamagedPart {
+                offset,
+                index_at: end,
+                from: 0,
+                times,
+                reason: reason.to_owned(),
+            });
         }
     }
 

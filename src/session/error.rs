@@ -1,5 +1,6 @@
 //! Errors of sessions. Each message is one line: what, where, what to do.
 
+use super::loss::{LostMessages, sentence};
 use std::io;
 use std::path::PathBuf;
 use thiserror::Error;
@@ -56,7 +57,7 @@ pub enum SessionError {
         path: PathBuf,
     },
     /// A part of the file is damaged; the parts after it can still be read.
-    #[error("{path}: damaged at byte {offset} ({reason}); that part is skipped", path = path.display())]
+    #[error("{path}: damaged at byte {offset} ({reason}); {lost}", path = path.display(), lost = sentence(lost))]
     Damaged {
         /// The file.
         path: PathBuf,
@@ -64,6 +65,8 @@ pub enum SessionError {
         offset: u64,
         /// The kind of damage.
         reason: String,
+        /// The messages that the part held, as far as they are known.
+        lost: Vec<LostMessages>,
     },
     /// A part of the file is too large.
     #[error("{path}: {what} of {bytes} bytes; at most {limit} are read", path = path.display())]
@@ -95,4 +98,15 @@ pub enum SessionError {
         /// The reason.
         reason: String,
     },
+}
+
+impl SessionError {
+    /// The messages that a damaged part held, as far as they are known.
+    #[must_use]
+    pub fn lost(&self) -> &[LostMessages] {
+        match self {
+            Self::Damaged { lost, .. } => lost,
+            _ => &[],
+        }
+    }
 }

@@ -1,8 +1,9 @@
 //! Events of a session in the order of arrival.
 
 use super::SessionError;
-use super::container::{ChunkLocation, open};
+use super::container::{ChunkLocation, DamagedPart, open};
 use super::journal::{ControlsMessage, JournalMessage, LightRecord};
+use super::loss::LossTally;
 use super::messages::{self, ExposureMessage, FrameContext, recorded_time};
 use super::reader::Session;
 use super::records::{self, Channel, MESSAGE_HEADER, MessageHeader, Placed, op, records_in};
@@ -19,6 +20,9 @@ use std::sync::Arc;
 /// Maximum number of bytes that wait to be sorted where chunks overlap in time. Beyond it (which no
 /// recording reaches) the events keep the file's order.
 const MAX_PENDING_BYTES: usize = 512 << 20;
+
+/// Why the rest of a chunk cannot be read.
+pub(super) const LEADS_OUT: &str = "a record leads out of its chunk";
 
 /// A recorded event.
 #[derive(Clone, Debug)]
@@ -129,6 +133,29 @@ impl Ord for Pending {
     }
 }
 
+/// The messages of one chunk that cannot be read.
+#[derive(Debug, Default)]
+pub(super) struct Unreadable {
+    /// Of the first one.
+    reason: Option<String>,
+    lost: LossTally,
+}
+
+impl Unreadable {
+    fn add(&mut self, message: Option<(&str, u64)>, reason: String) {
+        self.reason.get_or_insert(reason);
+        if let Some((topic, log_time)) = message {
+            self.lost.add(topic, log_time);
+        }
+    }
+
+    /// Returns the error of the chunk; `None` if all messages could be read.
+    pub(super) fn error(self, session: &Session, place: &ChunkLocation) -> Option<SessionError> {
+        let lost = self.lost.into_lost(session.container.start_time());
+        Some(session.damage_error(place.offset, self.reason?, lost))
+    }
+}
+
 impl Iterator for Events {
     type Item = Result<SessionEvent, SessionError>;
 
@@ -190,51 +217,80 @@ impl Events {
             Some(file) => file,
             None => open(self.session.path())?.0,
         };
-        let chunk = self.session.container.unpack(&mut file, place);
+        let outcome = self.load_from(&mut file, place);
         self.file = Some(file);
-        let chunk = chunk?;
+        outcome
+    }
+
+    fn load_from(
+        &mut self,
+        file: &mut BufReader<File>,
+        place: &ChunkLocation,
+    ) -> Result<(), SessionError> {
+        let session = self.session.clone();
+        let chunk = match session.container.unpack(file, place)? {
+            Ok(chunk) => chunk,
+            Err(part) => return Err(session.damaged(file, &part)),
+        };
+        let (mut unreadable, mut end) = (Unreadable::default(), 0);
         for placed in records_in(&chunk) {
             let Ok(placed) = placed else {
-                return Err(self.damaged(place, "a record leads out of its chunk".to_owned()));
+                let reason = LEADS_OUT.to_owned();
+                let part = DamagedPart::of_chunk(place.offset, &place.header, end, reason);
+                self.errors.push_back(session.damaged(file, &part));
+                break;
             };
-            if placed.opcode == op::MESSAGE
-                && let Err(reason) = self.take_message(&chunk, placed)
-            {
-                self.errors.push_back(self.damaged(place, reason));
+            end = placed.end as u64;
+            if placed.opcode != op::MESSAGE {
+                continue;
+            }
+            if let Some((event, log_time)) = self.read_message(&chunk, placed, &mut unreadable) {
+                self.add(event, log_time);
             }
         }
+        self.errors.extend(unreadable.error(&session, place));
         Ok(())
     }
 
-    fn damaged(&self, place: &ChunkLocation, reason: String) -> SessionError {
-        self.session.container.damaged(place.offset, &reason)
-    }
-
-    /// Adds a message of a known stream to the pending events.
-    fn take_message(&mut self, chunk: &Bytes, placed: Placed) -> Result<(), String> {
+    /// Reads a message of a known stream; counts one that cannot be read.
+    pub(super) fn read_message(
+        &mut self,
+        chunk: &Bytes,
+        placed: Placed,
+        unreadable: &mut Unreadable,
+    ) -> Option<(SessionEvent, u64)> {
         let body = chunk.slice(placed.start..placed.end);
-        let header = records::message_header(&body).ok_or("a message without header")?;
+        let Some(header) = records::message_header(&body) else {
+            unreadable.add(None, "a message without header".to_owned());
+            return None;
+        };
         let data = body.slice(MESSAGE_HEADER..);
         let channels = Arc::clone(&self.session.channels);
         let Some(channel) = channels.get(&header.channel_id) else {
-            return Err(format!(
-                "a message of unknown channel {}",
-                header.channel_id
-            ));
+            let reason = format!("a message of unknown channel {}", header.channel_id);
+            unreadable.add(None, reason);
+            return None;
         };
-        let Some(event) = self.event(channel, &header, data)? else {
-            return Ok(());
-        };
+        match self.event(channel, &header, data) {
+            Ok(event) => Some((event?, header.log_time)),
+            Err(reason) => {
+                unreadable.add(Some((&channel.topic, header.log_time)), reason);
+                None
+            }
+        }
+    }
+
+    /// Adds an event to the pending ones.
+    fn add(&mut self, event: SessionEvent, log_time: u64) {
         self.ordinal += 1;
         self.pending_bytes += event.bytes();
         // A live rig's recording is in the order of arrival.
         let in_file_order = self.session.has_journal();
         self.pending.push(Reverse(Pending {
-            log_time: if in_file_order { 0 } else { header.log_time },
+            log_time: if in_file_order { 0 } else { log_time },
             ordinal: self.ordinal,
             event,
         }));
-        Ok(())
     }
 
     fn event(

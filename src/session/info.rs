@@ -1,7 +1,8 @@
 //! Statistics of a session, and their text.
 
 use super::SessionError;
-use super::container::open;
+use super::container::{DamagedPart, open};
+use super::events::{LEADS_OUT, Unreadable};
 use super::messages::recorded_time;
 use super::reader::Session;
 use super::records::{self, MessageHeader, op, records_in};
@@ -12,6 +13,8 @@ use std::fmt::Write;
 
 /// Minimum length of a gap, median intervals.
 const GAP_INTERVALS: i64 = 2;
+/// Maximum number of damaged parts that are listed.
+const MAX_LISTED: usize = 100;
 
 /// One stream of a session.
 #[derive(Clone, Debug, PartialEq)]
@@ -93,24 +96,46 @@ impl Tally {
 }
 
 impl Session {
-    /// Returns count, rate and gaps of every stream. Reads the entire file; skips damaged chunks.
+    /// Returns count, rate and gaps of every stream. Reads the entire file; skips damaged parts.
     ///
     /// # Errors
     /// The file can no longer be read.
     pub fn streams(&self) -> Result<Vec<StreamInfo>, SessionError> {
-        streams(self)
+        Ok(survey(self)?.streams)
     }
 }
 
-fn streams(session: &Session) -> Result<Vec<StreamInfo>, SessionError> {
+/// What a pass over the whole file finds.
+struct Survey {
+    streams: Vec<StreamInfo>,
+    /// Damaged parts inside chunks.
+    damage: Vec<SessionError>,
+}
+
+fn survey(session: &Session) -> Result<Survey, SessionError> {
     let container = &session.container;
     let (mut file, _) = open(session.path())?;
     let mut tallies: BTreeMap<&str, Tally> = BTreeMap::new();
+    let mut damage = Vec::new();
+    // Its messages are read only to find those that cannot be.
+    let mut events = session.events();
     for place in &container.chunks {
-        let Ok(chunk) = container.unpack(&mut file, place) else {
-            continue;
+        let chunk = match container.unpack(&mut file, place)? {
+            Ok(chunk) => chunk,
+            Err(part) => {
+                damage.push(session.damaged(&mut file, &part));
+                continue;
+            }
         };
-        for placed in records_in(&chunk).map_while(Result::ok) {
+        let (mut unreadable, mut end) = (Unreadable::default(), 0);
+        for placed in records_in(&chunk) {
+            let Ok(placed) = placed else {
+                let reason = LEADS_OUT.to_owned();
+                let part = DamagedPart::of_chunk(place.offset, &place.header, end, reason);
+                damage.push(session.damaged(&mut file, &part));
+                break;
+            };
+            end = placed.end as u64;
             let body = &chunk[placed.start..placed.end];
             let header = records::message_header(body).filter(|_| placed.opcode == op::MESSAGE);
             let Some(header) = header else { continue };
@@ -120,12 +145,17 @@ fn streams(session: &Session) -> Result<Vec<StreamInfo>, SessionError> {
             let counted = matches!(Role::from_topic(&channel.topic), Some(Role::Image(_)));
             let tally = tallies.entry(&channel.topic).or_default();
             tally.add(&header, body.len() as u64, counted);
+            events.read_message(&chunk, placed, &mut unreadable);
         }
+        damage.extend(unreadable.error(session, place));
     }
     let infos = tallies
         .into_iter()
         .filter_map(|(topic, tally)| tally.summarise(topic.to_owned()));
-    Ok(infos.collect())
+    Ok(Survey {
+        streams: infos.collect(),
+        damage,
+    })
 }
 
 /// Returns the text of `penumbra info`.
@@ -141,8 +171,13 @@ fn write_description(text: &mut String, session: &Session) -> std::fmt::Result {
     let path = session.path().display();
     let megabytes = session.file_len() as f64 * 1e-6;
     write!(text, "{path}: {megabytes:.1} MB")?;
-    match session.streams() {
-        Ok(streams) => write_streams(text, &streams)?,
+    let mut damage: Vec<_> = session.damage().iter().collect();
+    let survey = survey(session);
+    match &survey {
+        Ok(survey) => {
+            write_streams(text, &survey.streams)?;
+            damage.extend(&survey.damage);
+        }
         Err(error) => writeln!(text, "\n{error}")?,
     }
     if let Some(protocol) = session.tracker_protocol() {
@@ -155,8 +190,11 @@ fn write_description(text: &mut String, session: &Session) -> std::fmt::Result {
             "truncated: the recording was interrupted; its complete part is replayed"
         )?;
     }
-    for damage in session.damage() {
-        writeln!(text, "{damage}")?;
+    for part in damage.iter().take(MAX_LISTED) {
+        writeln!(text, "{part}")?;
+    }
+    if damage.len() > MAX_LISTED {
+        writeln!(text, "{} more damaged parts", damage.len() - MAX_LISTED)?;
     }
     Ok(())
 }

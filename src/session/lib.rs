@@ -7,8 +7,8 @@
 //!
 //! Modules in the order of the data flow. Writing: `topics` (names of the streams), `messages`,
 //! `tracker_message` and `journal` (their contents), `writer`, `sink` (the file's errors). Reading:
-//! `records` (MCAP's records), `container` (chunks and attachments of a file), `reader`, `events`
-//! (messages in the order of arrival), `info` (statistics).
+//! `records` (MCAP's records), `container` (chunks and attachments of a file), `loss` (what a damaged
+//! part held), `reader`, `events` (messages in the order of arrival), `info` (statistics).
 //!
 //! | topic | schema | contents |
 //! |---|---|---|
@@ -28,6 +28,7 @@ mod error;
 mod events;
 mod info;
 mod journal;
+mod loss;
 mod messages;
 mod reader;
 mod records;
@@ -43,6 +44,7 @@ pub use error::SessionError;
 pub use events::{Events, SessionEvent};
 pub use info::{StreamInfo, describe};
 pub use journal::LightRecord;
+pub use loss::LostMessages;
 pub use reader::Session;
 pub use topics::Camera;
 pub use writer::SessionWriter;

@@ -1,12 +1,14 @@
 //! A session opened for replay.
 
 use super::SessionError;
-use super::container::{Attachment, Container, open};
+use super::container::{Attachment, Container, DamagedPart, open};
+use super::loss::LostMessages;
 use super::messages::recorded_time;
 use super::records::{self, Channel, op, records_in};
 use super::topics::{self, Camera, Role};
 use penumbra_interface::MonotonicTime;
 use std::collections::BTreeMap;
+use std::io::{Read, Seek};
 use std::path::Path;
 use std::sync::Arc;
 
@@ -16,6 +18,7 @@ use std::sync::Arc;
 pub struct Session {
     pub(super) container: Arc<Container>,
     pub(super) channels: Arc<BTreeMap<u16, Channel>>,
+    damage: Arc<Vec<SessionError>>,
 }
 
 impl Session {
@@ -31,10 +34,42 @@ impl Session {
             collect_channels(&container, &mut channels)?;
         }
         check_known(&container, &channels)?;
-        Ok(Self {
+        let mut session = Self {
             container: Arc::new(container),
             channels: Arc::new(channels),
-        })
+            damage: Arc::default(),
+        };
+        let (mut file, _) = open(path)?;
+        let parts = session.container.damage.iter();
+        let damage = parts.map(|part| session.damaged(&mut file, part)).collect();
+        session.damage = Arc::new(damage);
+        Ok(session)
+    }
+
+    /// Returns the error of a damaged part, with what it held.
+    pub(super) fn damaged(
+        &self,
+        file: &mut (impl Read + Seek),
+        part: &DamagedPart,
+    ) -> SessionError {
+        let topic = |id| self.channels.get(&id).map(|channel| channel.topic.clone());
+        let lost = self.container.lost(file, part, topic);
+        self.damage_error(part.offset, part.reason.clone(), lost)
+    }
+
+    /// Returns the error of a damaged part that held `lost`.
+    pub(super) fn damage_error(
+        &self,
+        offset: u64,
+        reason: String,
+        lost: Vec<LostMessages>,
+    ) -> SessionError {
+        SessionError::Damaged {
+            path: self.path().to_owned(),
+            offset,
+            reason,
+            lost,
+        }
     }
 
     /// Path of the session.
@@ -74,7 +109,7 @@ impl Session {
     /// [`Self::events`].
     #[must_use]
     pub fn damage(&self) -> &[SessionError] {
-        &self.container.damage
+        &self.damage
     }
 
     /// Share of the recording, 0..=1, that arrived by `at`; `None` if it has no duration.
@@ -126,7 +161,7 @@ fn collect_channels(
 ) -> Result<(), SessionError> {
     let (mut file, _) = open(&container.path)?;
     for place in &container.chunks {
-        let Ok(chunk) = container.unpack(&mut file, place) else {
+        let Ok(Ok(chunk)) = container.unpack(&mut file, place) else {
             continue;
         };
         let listed = records_in(&chunk)

@@ -14,6 +14,8 @@ pub(super) mod op {
     pub const CHANNEL: u8 = 0x04;
     pub const MESSAGE: u8 = 0x05;
     pub const CHUNK: u8 = 0x06;
+    pub const MESSAGE_INDEX: u8 = 0x07;
+    pub const CHUNK_INDEX: u8 = 0x08;
     pub const ATTACHMENT: u8 = 0x09;
 }
 
@@ -147,6 +149,63 @@ pub(super) fn message_header(body: &[u8]) -> Option<MessageHeader> {
     })
 }
 
+/// A message that an index states.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct IndexedMessage {
+    pub channel_id: u16,
+    pub log_time: u64,
+    /// Offset of its record in the decompressed chunk.
+    pub offset: u64,
+}
+
+/// Parses the index of one stream in a chunk.
+pub(super) fn message_index(body: &[u8]) -> impl Iterator<Item = IndexedMessage> + '_ {
+    let mut fields = Fields(body);
+    let channel_id = fields.u16();
+    let len = fields.u32().map_or(0, |len| len as usize);
+    let mut entries = Fields(fields.take(len).unwrap_or_default());
+    std::iter::from_fn(move || {
+        Some(IndexedMessage {
+            channel_id: channel_id?,
+            log_time: entries.u64()?,
+            offset: entries.u64()?,
+        })
+    })
+}
+
+/// Position of a chunk by the summary at the end of a file.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct ChunkIndex {
+    pub start_time: u64,
+    pub end_time: u64,
+    /// Offset of its record in the file.
+    pub offset: u64,
+    /// Size of its record, bytes.
+    pub len: u64,
+}
+
+pub(super) fn chunk_index(body: &[u8]) -> Option<ChunkIndex> {
+    let mut fields = Fields(body);
+    Some(ChunkIndex {
+        start_time: fields.u64()?,
+        end_time: fields.u64()?,
+        offset: fields.u64()?,
+        len: fields.u64()?,
+    })
+}
+
+/// Size of a footer's body, bytes.
+pub(super) const FOOTER: usize = 20;
+
+/// Parses a footer to the offset of the summary (0 without one) and the summary's checksum (0 if it
+/// is not known).
+pub(super) fn footer(body: &[u8]) -> Option<(u64, u32)> {
+    let mut fields = Fields(body);
+    let summary_start = fields.u64()?;
+    let _summary_offset_start = fields.u64()?;
+    Some((summary_start, fields.u32()?))
+}
+
 /// Iterates over the records of a decompressed chunk. Ends with an error at a record that extends
 /// beyond the chunk.
 pub(super) fn records_in(chunk: &[u8]) -> impl Iterator<Item = Result<Placed, ()>> + '_ {
@@ -192,6 +251,9 @@ mod tests {
             let _ = chunk_header(&bytes);
             let _ = channel(&bytes);
             let _ = message_header(&bytes);
+            let _ = chunk_index(&bytes);
+            let _ = footer(&bytes);
+            prop_assert!(message_index(&bytes).count() * 16 <= bytes.len());
             if let Some((_, _, data)) = attachment(&bytes) {
                 prop_assert!(data.len() <= bytes.len());
             }

@@ -6,6 +6,7 @@ use penumbra_interface::{
     BayerPattern, Exposure, Frame, MonotonicTime, PixelFormat, PoseSample, RigidTransform,
 };
 use proptest::prelude::*;
+use std::collections::BTreeMap;
 use std::io::Cursor;
 use std::path::{Path, PathBuf};
 use tempfile::TempDir;
@@ -231,6 +232,71 @@ fn damaged_chunk_is_skipped_and_reported() {
     assert_eq!(bad.len(), 1);
     let text = bad[0].as_ref().unwrap_err().to_string();
     assert!(text.contains("checksum") && !text.contains('\n'), "{text}");
+}
+
+#[test]
+fn damaged_chunk_states_what_it_held() {
+    let mut bytes = recorded(3);
+    let (_folder, session) = opened(&bytes).unwrap();
+    bytes[session.container.chunks[1].offset as usize + 500] ^= 1;
+    let (_folder, session) = opened(&bytes).unwrap();
+    let error = session.events().find_map(Result::err).unwrap();
+    let lost: BTreeMap<_, _> = error
+        .lost()
+        .iter()
+        .map(|l| (l.stream.clone().unwrap_or_default(), l.messages))
+        .collect();
+    assert_eq!(lost.get("/scene_camera/image"), Some(&Some(1)));
+    assert_eq!(lost.get("/environment_camera/image_ev-4"), Some(&Some(1)));
+    assert_eq!(lost.get("/tracker/bytes"), Some(&Some(1)));
+    let text = describe(&session);
+    assert!(
+        text.contains("1 of /scene_camera/image from 0.033 s to 0.033 s"),
+        "{text}"
+    );
+}
+
+/// The walk over the records would end at a damaged length, or go astray.
+#[test]
+fn damaged_length_of_a_chunk_loses_that_chunk_only() {
+    let good = recorded(4);
+    let (_folder, session) = opened(&good).unwrap();
+    let length_at = session.container.chunks[1].record_at as usize + 1;
+    for (byte, bit) in (0..8).flat_map(|byte| (0..8).map(move |bit| (byte, bit))) {
+        let mut bytes = good.clone();
+        bytes[length_at + byte] ^= 1 << bit;
+        let (_folder, session) = opened(&bytes).unwrap();
+        assert!(!session.truncated());
+        let events: Vec<_> = session.events().filter_map(Result::ok).collect();
+        let sequences = scene_sequences(&events);
+        let kept = [0, 2, 3].iter().all(|i| sequences.contains(i));
+        assert!(kept, "byte {byte} bit {bit}: {sequences:?}");
+        let text = describe(&session);
+        let is_reported = text.contains("1 of /scene_camera/image from 0.033 s");
+        assert!(is_reported || sequences.contains(&1), "{text}");
+    }
+}
+
+#[test]
+fn message_that_cannot_be_read_is_counted() {
+    let mut bytes = recorded(2);
+    let protobuf = b"jpeg";
+    // Without a checksum, the damage is found in the message only.
+    let (_folder, session) = opened(&bytes).unwrap();
+    let chunk = session.container.chunks[1].clone();
+    let start = chunk.record_at as usize + 9 + 24;
+    bytes[start..start + 4].fill(0);
+    let records = chunk.offset as usize;
+    let at = bytes[records..]
+        .windows(protobuf.len())
+        .position(|w| w == protobuf)
+        .unwrap();
+    bytes[records + at..][..4].copy_from_slice(b"\xff\xff\xff\xff");
+    let (_folder, session) = opened(&bytes).unwrap();
+    let errors: Vec<_> = session.events().filter_map(Result::err).collect();
+    assert_eq!(errors.len(), 1, "{errors:?}");
+    assert_eq!(errors[0].lost()[0].messages, Some(1));
+    assert!(describe(&session).contains(&errors[0].to_string()));
 }
 
 #[test]

@@ -40,6 +40,10 @@ pub const STATUS_FIELDS: &[(&str, &str)] = &[
         "Scene frames skipped: replaced by a newer one, or damaged.",
     ),
     (
+        "frames.lost",
+        "Scene frames in damaged parts of the recording.",
+    ),
+    (
         "frames.without_pose",
         "Scene frames for which no pose was known; they show the camera's picture.",
     ),
@@ -89,6 +93,10 @@ pub const STATUS_FIELDS: &[(&str, &str)] = &[
     (
         "pairing.pose",
         "How the newest pose was found: `exact`, `interpolated`, `predicted` or `none`.",
+    ),
+    (
+        "pairing.rejected_poses",
+        "Readings of the tracker that no motion of a hand explains, since the start; they are not used.",
     ),
     (
         "pairing.pose_sigma_mm",
@@ -459,7 +467,7 @@ pub const STATUS_FIELDS: &[(&str, &str)] = &[
     ("devices[].received", "Frames or records since the start."),
     (
         "devices[].dropped",
-        "Frames or records lost: gaps in the counter, damaged, or replaced by newer ones.",
+        "Frames or records lost: gaps in the counter, damaged, or replaced by newer ones; of a tracker also those that its rate shows to be missing, an estimate.",
     ),
     (
         "devices[].last_age_ms",

@@ -1,6 +1,7 @@
 //! Access control: a page of another origin in a browser on the same machine must neither see the
 //! picture nor change a setting.
 
+use super::places::{Activity, Places, hold};
 use axum::extract::{Request, State};
 use axum::http::{HeaderMap, HeaderName, HeaderValue, Method, StatusCode, Uri, header};
 use axum::middleware::Next;
@@ -44,21 +45,47 @@ impl fmt::Debug for Token {
     }
 }
 
-/// Accepts or refuses a request, and sets the headers of every answer.
-pub async fn guard(
-    State(token): State<Option<Arc<Token>>>,
-    request: Request,
-    next: Next,
-) -> Response {
-    let mut response = match judge(token.as_deref(), &request) {
-        Ok(()) => answered(request, next).await,
-        Err(answer) => *answer,
+/// What the guard needs to know.
+#[derive(Clone)]
+pub struct Gate {
+    token: Option<Arc<Token>>,
+    places: Places,
+}
+
+impl Gate {
+    /// Creates the guard's state.
+    pub fn new(token: Option<Arc<Token>>) -> Self {
+        Self {
+            token,
+            places: Places::default(),
+        }
+    }
+}
+
+/// Accepts or refuses a request, and sets the headers of every answer. An accepted request takes a
+/// place; the connection of a refused one is closed at once.
+pub async fn guard(State(gate): State<Gate>, request: Request, next: Next) -> Response {
+    let activity = request.extensions().get::<Arc<Activity>>();
+    let busy = activity.map(Activity::begin);
+    let mut response = match judge(gate.token.as_deref(), &request) {
+        Ok(()) => match gate.places.take(request.uri().path()) {
+            Some(place) => hold(answered(request, next).await, (place, busy)),
+            None => let_go((StatusCode::SERVICE_UNAVAILABLE, CROWDED).into_response()),
+        },
+        Err(answer) => let_go(*answer),
     };
     for (name, value) in SECURITY_HEADERS {
         // A page that needs other rights brings its own.
         let entry = response.headers_mut().entry(name);
         entry.or_insert(HeaderValue::from_static(value));
     }
+    response
+}
+
+/// Closes the connection after the answer.
+fn let_go(mut response: Response) -> Response {
+    let close = HeaderValue::from_static("close");
+    response.headers_mut().insert(header::CONNECTION, close);
     response
 }
 
@@ -84,9 +111,13 @@ const SECURITY_HEADERS: [(HeaderName, &str); 6] = [
     ),
 ];
 
-/// Checks the host, then the origin, then the token.
+/// Checks that host and origin are stated once, then the host, then the origin, then the token.
 fn judge(token: Option<&Token>, request: &Request) -> Result<(), Box<Response>> {
     let headers = request.headers();
+    let is_repeated = |name| headers.get_all(name).iter().nth(1).is_some();
+    if is_repeated(header::HOST) || is_repeated(header::ORIGIN) {
+        return refuse(StatusCode::BAD_REQUEST, REPEATED);
+    }
     let host = text(headers, &header::HOST).unwrap_or_default();
     if token.is_none() && !is_own_name(host) {
         return refuse(StatusCode::MISDIRECTED_REQUEST, HOST_REFUSED);
@@ -100,6 +131,8 @@ fn judge(token: Option<&Token>, request: &Request) -> Result<(), Box<Response>> 
     }
 }
 
+const CROWDED: &str = "too many requests at a time; try again\n";
+const REPEATED: &str = "refused: Host and Origin may be stated once only\n";
 const HOST_REFUSED: &str = "this server answers to localhost and 127.0.0.1 only; \
     to reach it by another name, start it with a token\n";
 const ORIGIN_REFUSED: &str = "refused: the request comes from another page\n";

@@ -2,7 +2,7 @@
 //!
 //! The rig writes a [`SharedStatus`]; [`StatusServer`] reads it. [`snapshot`] is the data,
 //! [`times`] the histograms in it, [`settings`] the live settings. The server consists of
-//! [`server`] (socket and limits), `guard` (access), `app` (shared state), `routes` and `calibration_routes`, [`metrics`] and
+//! [`server`] (socket and limits), `guard` (access), `places` (limits under load), `app` (shared state), `routes` and `calibration_routes`, [`metrics`] and
 //! [`health`] (made from the snapshot), [`preview`] (the environment light), and the dashboard.
 
 mod app;
@@ -12,6 +12,7 @@ pub mod fields;
 mod guard;
 pub mod health;
 pub mod metrics;
+mod places;
 pub mod planes;
 pub mod preview;
 mod probe;

@@ -2,7 +2,7 @@
 
 use super::app::{App, HTML, MAX_STREAMS, PngCache, is_json, problem};
 use super::calibration_routes;
-use super::guard::{self, Token};
+use super::guard::{self, Gate, Token};
 use super::health::health;
 use super::metrics::{METRICS_CONTENT_TYPE, metrics};
 use super::recording::RecordingRequest;
@@ -31,6 +31,7 @@ const MAX_BODY: usize = 16 * 1024;
 
 /// All routes behind the guard.
 pub fn router(app: App, token: Option<Arc<Token>>) -> Router {
+    let gate = Gate::new(token);
     Router::new()
         .route(
             "/",
@@ -51,7 +52,7 @@ pub fn router(app: App, token: Option<Arc<Token>>) -> Router {
         .route("/environment.png", get(environment_png))
         .fallback(not_found)
         .layer(DefaultBodyLimit::max(MAX_BODY))
-        .layer(from_fn_with_state(token, guard::guard))
+        .layer(from_fn_with_state(gate, guard::guard))
         .with_state(app)
 }
 

@@ -2,13 +2,18 @@
 
 use super::app::App;
 use super::guard::Token;
+use super::places::Activity;
 use super::routes;
 use super::shared::SharedStatus;
 use super::stall::StallGuard;
 use axum::Router;
+use axum::http::Request;
+use axum::response::Response;
+use hyper::body::Incoming;
 use hyper::server::conn::http1;
 use hyper_util::rt::{TokioIo, TokioTimer};
 use hyper_util::service::TowerToHyperService;
+use std::convert::Infallible;
 use std::future::Future;
 use std::io;
 use std::net::{Ipv4Addr, SocketAddr, TcpListener};
@@ -16,14 +21,15 @@ use std::sync::Arc;
 use std::time::Duration;
 use thiserror::Error;
 use tokio::net::TcpStream;
-use tokio::task::JoinSet;
+use tokio::task::{AbortHandle, JoinSet};
 
 /// Default address: loopback only.
 pub const DEFAULT_LISTEN: SocketAddr =
     SocketAddr::new(std::net::IpAddr::V4(Ipv4Addr::LOCALHOST), 8780);
 
-/// Maximum number of connections; a browser holds up to six.
-const MAX_CONNECTIONS: usize = 128;
+/// Maximum number of connections; a browser holds up to six. More than there are places for
+/// requests, so that one of them is idle.
+const MAX_CONNECTIONS: usize = 256;
 /// Timeout of a request's header and of an idle connection.
 const HEADER_LIMIT: Duration = Duration::from_secs(15);
 /// Timeout of a client that does not read.
@@ -148,24 +154,76 @@ fn bracketed(listen: SocketAddr) -> String {
     }
 }
 
+/// The open connections.
+#[derive(Default)]
+struct Connections {
+    tasks: JoinSet<()>,
+    open: Vec<(Arc<Activity>, AbortHandle)>,
+}
+
+impl Connections {
+    /// Makes room for one more: closes the connection that has been idle for longest.
+    fn make_room(&mut self) -> bool {
+        while self.tasks.try_join_next().is_some() {}
+        self.open.retain(|(_, task)| !task.is_finished());
+        if self.open.len() < MAX_CONNECTIONS {
+            return true;
+        }
+        let idle = self.open.iter().enumerate();
+        let idle = idle.filter_map(|(i, (activity, _))| Some((activity.idle_since()?, i)));
+        let Some((_, longest)) = idle.min() else {
+            return false;
+        };
+        self.open.swap_remove(longest).1.abort();
+        true
+    }
+
+    fn add(&mut self, socket: TcpStream, router: Router) {
+        let activity = Activity::new();
+        let service = Service {
+            router: TowerToHyperService::new(router),
+            activity: Arc::clone(&activity),
+        };
+        let task = self.tasks.spawn(converse(socket, service));
+        self.open.push((activity, task));
+    }
+}
+
 /// Accepts connections until the future is dropped, which closes all of them.
 async fn accept(listener: tokio::net::TcpListener, router: Router) {
-    let mut connections = JoinSet::new();
+    let mut connections = Connections::default();
     loop {
-        while connections.try_join_next().is_some() {}
         match listener.accept().await {
-            Ok((socket, _)) if connections.len() < MAX_CONNECTIONS => {
-                connections.spawn(converse(socket, router.clone()));
+            Ok((socket, _)) if connections.make_room() => {
+                connections.add(socket, router.clone());
             }
             // Closing at once leaves the server able to answer those it has.
-            Ok(_) => tracing::debug!("more than {MAX_CONNECTIONS} connections; one refused"),
+            Ok(_) => tracing::debug!("more than {MAX_CONNECTIONS} busy connections; one refused"),
             // Out of descriptors, most likely: trying again at once would spin.
             Err(_) => tokio::time::sleep(Duration::from_millis(100)).await,
         }
     }
 }
 
-async fn converse(socket: TcpStream, router: Router) {
+/// The routes, for one connection.
+struct Service {
+    router: TowerToHyperService<Router>,
+    activity: Arc<Activity>,
+}
+
+impl hyper::service::Service<Request<Incoming>> for Service {
+    type Response = Response;
+    type Error = Infallible;
+    type Future =
+        <TowerToHyperService<Router> as hyper::service::Service<Request<Incoming>>>::Future;
+
+    fn call(&self, mut request: Request<Incoming>) -> Self::Future {
+        request.extensions_mut().insert(Arc::clone(&self.activity));
+        self.router.call(request)
+    }
+}
+
+async fn converse(socket: TcpStream, service: Service) {
     // Otherwise a small response may wait for the acknowledgement of the previous one.
     let _ = socket.set_nodelay(true);
     let io = TokioIo::new(StallGuard::new(socket, STALL_LIMIT));
@@ -173,7 +231,7 @@ async fn converse(socket: TcpStream, router: Router) {
         .timer(TokioTimer::new())
         .header_read_timeout(HEADER_LIMIT)
         .max_buf_size(BUFFER_BYTES)
-        .serve_connection(io, TowerToHyperService::new(router));
+        .serve_connection(io, service);
     // A client that disconnects or does not use HTTP is not logged.
     if let Err(error) = connection.await {
         tracing::debug!(%error, "connection ended");

@@ -19,6 +19,8 @@ pub const STATUS_VERSION: u32 = 1;
 
 /// Maximum number of warnings kept; later ones are only counted.
 const MAX_WARNINGS: usize = 32;
+/// Maximum length of a warning, bytes.
+const MAX_TEXT_BYTES: usize = 1000;
 
 /// The state of the rig at one instant.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -92,9 +94,15 @@ impl Default for Snapshot {
     }
 }
 
+/// Returns the beginning of a text, which may come from outside.
+fn clipped(text: &str) -> &str {
+    &text[..text.floor_char_boundary(MAX_TEXT_BYTES)]
+}
+
 impl Snapshot {
-    /// Adds a warning; a repeated one is counted.
+    /// Adds a warning of at most 1000 bytes; a repeated one is counted.
     pub fn warn(&mut self, text: &str) {
+        let text = clipped(text);
         if let Some(known) = self.warnings.iter_mut().find(|w| w.text == text) {
             known.count += 1;
         } else if self.warnings.len() < MAX_WARNINGS {
@@ -105,6 +113,7 @@ impl Snapshot {
 
     /// Removes a warning whose cause is gone.
     pub fn clear_warning(&mut self, text: &str) {
+        let text = clipped(text);
         self.warnings.retain(|w| w.text != text);
     }
 }
@@ -212,6 +221,8 @@ pub struct Frames {
     pub composed: u64,
     /// Scene frames skipped: replaced by a newer one, or damaged.
     pub skipped: u64,
+    /// Scene frames in damaged parts of the recording.
+    pub lost: u64,
     /// Scene frames without a known pose; they show the camera's picture.
     pub without_pose: u64,
     /// Composited pictures per second, over the last two seconds.
@@ -233,6 +244,8 @@ pub struct Pairing {
     pub environment_skew_p99_ms: Option<f64>,
     /// How the newest pose was found: `exact`, `interpolated`, `predicted` or `none`.
     pub pose: PoseAnswer,
+    /// Readings of the tracker that no motion of a hand explains; they are not used.
+    pub rejected_poses: u64,
     /// Standard deviation of the camera's position by noise and prediction, millimetres.
     pub pose_sigma_mm: Option<f64>,
     /// Standard deviation of its orientation, degrees.
@@ -605,6 +618,8 @@ mod tests {
         (0..100).for_each(|i| s.warn(&i.to_string()));
         assert_eq!((s.warnings.len(), s.warnings[0].count), (MAX_WARNINGS, 100));
         s.clear_warning("again");
+        s.warn(&"ü".repeat(10_000));
+        assert!(s.warnings.iter().all(|w| w.text.len() <= MAX_TEXT_BYTES));
         assert!(s.warnings.iter().all(|w| w.text != "again"));
     }
 

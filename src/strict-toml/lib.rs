@@ -124,7 +124,11 @@ impl TomlText {
                 hint,
             };
         }
-        let reason = friendly(message, path.last().map_or("", String::as_str));
+        let found = error.span().and_then(|span| self.text.get(span));
+        let found = found
+            .and_then(|text| text.lines().next())
+            .unwrap_or_default();
+        let reason = friendly(message, path.last().map_or("", String::as_str), found);
         TomlError::Value {
             file,
             line,
@@ -242,15 +246,23 @@ fn unit_of(key: &str) -> Option<&'static str> {
 }
 
 /// Rewords serde's message about an invalid value for users.
-fn friendly(message: &str, key: &str) -> String {
+/// Maximum length of a value in a message, characters.
+const MAX_SHOWN: usize = 60;
+
+fn friendly(message: &str, key: &str, found: &str) -> String {
     let text = message.lines().next().unwrap_or_default();
+    // The toml crate's words for a value that is none of an enumeration's names.
+    if text == "wanted string or table" {
+        let found: String = found.chars().take(MAX_SHOWN).collect();
+        return format!("expected a word in quotes, found {found}");
+    }
     let text = text
         .replace("invalid type: ", "")
         .replace("invalid value: ", "")
         .replace("invalid length", "length")
         .replace("missing field", "lacks the key");
     let text = match text.split_once(", expected ") {
-        Some((found, expected)) => format!("expected {}, found {found}", plain(expected)),
+        Some((found, expected)) => format!("expected {}, found {found}", plain(expected, found)),
         None => text,
     };
     match unit_of(key) {
@@ -259,8 +271,13 @@ fn friendly(message: &str, key: &str) -> String {
     }
 }
 
-fn plain(expected: &str) -> &str {
+fn plain<'e>(expected: &'e str, found: &str) -> &'e str {
+    // Neither negative nor fractional, so it is too large.
+    let is_large = found.starts_with("integer `") && !found.starts_with("integer `-");
     match expected {
+        "u8" if is_large => "a whole number of at most 255",
+        "u16" if is_large => "a whole number of at most 65535",
+        "u32" if is_large => "a whole number of at most 4294967295",
         "f32" | "f64" => "a number",
         "u8" | "u16" | "u32" | "u64" | "usize" => "a whole number, at least 0",
         "a boolean" => "true or false",
@@ -288,6 +305,14 @@ mod tests {
         latency_ms: f64,
         count: Option<u32>,
         on: Option<bool>,
+        choice: Option<Choice>,
+    }
+
+    #[derive(Debug, Deserialize)]
+    #[serde(rename_all = "lowercase")]
+    enum Choice {
+        One,
+        Two,
     }
 
     fn message(text: &str) -> String {
@@ -325,6 +350,14 @@ mod tests {
             (
                 "[inner]\nlatency_ms = 1\ncount = -1\n",
                 "f.toml:3: `inner.count`: expected a whole number, at least 0, found integer `-1`",
+            ),
+            (
+                "[inner]\nlatency_ms = 3\ncount = 4294967296",
+                "f.toml:3: `inner.count`: expected a whole number of at most 4294967295, found integer `4294967296`",
+            ),
+            (
+                "[inner]\nlatency_ms = 3\nchoice = 3",
+                "f.toml:3: `inner.choice`: expected a word in quotes, found 3",
             ),
             (
                 "[inner]\nlatency_ms = 1\non = 1\n",

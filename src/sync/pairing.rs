@@ -2,6 +2,8 @@
 
 use super::brackets::{BracketCollector, EnvironmentSet};
 use super::history::{HistoryConfig, PoseAt, PoseHistory, Provenance, Pushed, Smoothing};
+use super::lost_readings::LostReadings;
+use super::stations::Stations;
 use penumbra_interface::{Frame, MonotonicTime, PoseSample, RigidTransform};
 use serde::Serialize;
 use std::collections::VecDeque;
@@ -131,10 +133,35 @@ pub struct PairingCounts {
     pub poses: u64,
     /// Readings rejected as invalid, late or outliers.
     pub rejected_poses: u64,
+    /// Estimated number of readings that were lost on their way.
+    pub lost_readings: u64,
     /// Readings of other stations.
     pub other_stations: u64,
+    /// These stations.
+    pub stations_seen: Stations,
+    /// The station that is used; `None` without a tracker.
+    pub station: Option<u8>,
     /// Number of restarts because time stamps went back.
     pub time_jumps: u64,
+}
+
+/// Number of readings of other stations after which the used one counts as wrong.
+const WRONG_STATION_AFTER: u64 = 30;
+
+impl PairingCounts {
+    /// Returns what is wrong if the tracker sends readings, but none of the station that is used.
+    #[must_use]
+    pub fn wrong_station(&self) -> Option<String> {
+        let station = self.station?;
+        let is_wrong = self.poses + self.rejected_poses == 0;
+        (is_wrong && self.other_stations >= WRONG_STATION_AFTER).then(|| {
+            format!(
+                "no reading of station {station} among {}; stations seen: {}; set `station` under \
+                 [tracker]",
+                self.other_stations, self.stations_seen
+            )
+        })
+    }
 }
 
 /// Maximum number of waiting pictures.
@@ -160,6 +187,7 @@ pub struct Pairing {
     counts: PairingCounts,
     /// Value that the tracker's latency approaches, nanoseconds.
     target_latency: i64,
+    lost: LostReadings,
 }
 
 impl Pairing {
@@ -176,6 +204,7 @@ impl Pairing {
             tracker_heard_at: MonotonicTime::default(),
             counts: PairingCounts::default(),
             target_latency: config.tracker_latency_nanos,
+            lost: LostReadings::default(),
         }
     }
 
@@ -204,6 +233,8 @@ impl Pairing {
             environment_sets: self.environment.generation(),
             incomplete_sets: self.environment.incomplete,
             orphan_brackets: self.environment.orphans,
+            station: self.config.station,
+            lost_readings: self.lost.count(),
             ..self.counts
         }
     }
@@ -253,8 +284,10 @@ impl Pairing {
         self.advance(sample.arrived_at);
         if self.config.station != Some(sample.station) {
             self.counts.other_stations += 1;
+            self.counts.stations_seen.insert(sample.station);
             return;
         }
+        self.lost.add(sample.arrived_at);
         self.slew_latency(sample.arrived_at.nanos_since(self.tracker_heard_at));
         self.tracker_heard_at = sample.arrived_at;
         let latency = self.config.tracker_latency_nanos;

@@ -235,6 +235,39 @@ fn recording_of_a_killed_program_lacks_at_most_one_second() {
     assert!(session.attachment("rig.json").is_some());
 }
 
+/// A closed terminal, for example.
+#[cfg(unix)]
+#[test]
+fn hang_up_closes_the_recording() {
+    let desk = Desk::new();
+    configure(&desk, &desk_session().display().to_string());
+    let mut command = desk.command(&["record", "out.mcap", "--config", "rig.toml"]);
+    let mut recorder = Running(command.stderr(Stdio::null()).spawn().unwrap());
+    until("the recording has begun", || {
+        Session::open(&desk.path("out.mcap")).is_ok_and(|s| s.span().is_some())
+    });
+    recorder.signal("-HUP");
+    assert!(recorder.0.wait().unwrap().success());
+    assert!(!Session::open(&desk.path("out.mcap")).unwrap().truncated());
+}
+
+#[test]
+fn run_fails_if_its_recording_failed() {
+    let desk = Desk::new();
+    configure(&desk, &desk_session().display().to_string());
+    let rig = text(&desk.read("rig.toml")).replace("reserve_mb = 1\n", "reserve_mb = 1e9\n");
+    desk.put("rig.toml", rig);
+    let output = desk
+        .run("run --config rig.toml --headless --listen 127.0.0.1:0 --frames 60 --record out.mcap");
+    let error = text(&output.stderr);
+    assert_eq!(output.status.code(), Some(1), "{error}");
+    let last = error.lines().last().unwrap_or_default();
+    assert!(
+        last.starts_with("penumbra: out.mcap: recording ended"),
+        "{error}"
+    );
+}
+
 #[cfg(unix)]
 #[test]
 fn missing_devices_are_reported_and_used_once_they_appear() {

@@ -1,8 +1,9 @@
 //! Wrong input: a one-line error, a non-zero exit status, no panic, nothing overwritten.
 
 use crate::program::{Desk, desk_session};
-use crate::sessions::{put_foreign, put_session};
-use penumbra_session::Session;
+use crate::sessions::{put_foreign, put_session, scene_frames};
+use penumbra_interface::Frame;
+use penumbra_session::{Camera, Session, SessionWriter};
 use std::net::TcpListener;
 
 /// Options for a quick refusal: no window, and a free port.
@@ -284,4 +285,99 @@ fn unknown_words_print_the_usage() {
         assert_eq!(output.status.code(), Some(2), "{line}");
         assert!(!output.stderr.is_empty(), "{line}");
     }
+}
+
+#[test]
+fn check_config_looks_at_what_the_configuration_names() {
+    let desk = Desk::new();
+    desk.put("broken/rig.json", "{ \"scene_camera\": 3 }");
+    desk.put("cut.mcap", "\u{89}MCAP0");
+    desk.put("file", "");
+    let cases = [
+        (
+            "[calibration]\nfrom = \"gone\"\n",
+            vec!["`calibration.from`", "gone"],
+        ),
+        (
+            "[calibration]\nfrom = \"broken\"\n",
+            vec!["`calibration.from`", "rig.json"],
+        ),
+        (
+            "[calibration]\nfrom = \"cut.mcap\"\n",
+            vec!["`calibration.from`", "cut.mcap"],
+        ),
+        (
+            "[scene_camera]\ndevice = \"replay:gone.mcap\"\n",
+            vec!["`scene_camera.device`", "gone.mcap"],
+        ),
+        (
+            "[tracker]\ndevice = \"replay:cut.mcap\"\n",
+            vec!["`tracker.device`", "cut.mcap"],
+        ),
+        (
+            "[recording]\nfolder = \"file\"\n",
+            vec!["`recording.folder`", "file"],
+        ),
+    ];
+    for (content, mut parts) in cases {
+        desk.put("c.toml", content);
+        parts.push("c.toml");
+        assert_contains(&desk.refuses("check-config c.toml"), &parts);
+    }
+}
+
+#[test]
+fn record_refuses_a_broken_rig_json() {
+    let desk = Desk::new();
+    desk.put("rig/rig.json", "{ \"scene_camera\": 3 }");
+    let session = desk_session().display().to_string();
+    desk.put(
+        "c.toml",
+        format!("[scene_camera]\ndevice = \"replay:{session}\"\n[calibration]\nfrom = \"rig\"\n"),
+    );
+    let error = desk.refuses("record out.mcap --config c.toml --duration 1");
+    assert_contains(&error, &["rig.json"]);
+    assert!(!desk.path("out.mcap").exists());
+}
+
+#[test]
+fn replay_refuses_pictures_of_another_size_than_the_calibration() {
+    let desk = Desk::new();
+    let session = Session::open(&desk_session()).unwrap();
+    let rig = String::from_utf8(session.attachment("rig.json").unwrap().to_vec()).unwrap();
+    let mut rig: serde_json::Value = serde_json::from_str(&rig).unwrap();
+    rig["scene_camera"]["image_size"] = serde_json::json!([800, 480]);
+    let rig = rig.to_string();
+    let attachments = session.attachments().iter();
+    let attachments: Vec<_> = attachments
+        .map(|a| match a.name.as_str() {
+            "rig.json" => ("rig.json", rig.as_bytes()),
+            name => (name, &a.data[..]),
+        })
+        .collect();
+    put_session(&desk, "other.mcap", &attachments);
+    assert_contains(
+        &replay_error(&desk, "other.mcap --scene none"),
+        &["other.mcap: its pictures have ", "800x"],
+    );
+}
+
+#[test]
+fn replay_refuses_a_session_of_damaged_pictures() {
+    let desk = Desk::new();
+    let session = Session::open(&desk_session()).unwrap();
+    let mut writer = SessionWriter::create(&desk.path("damaged.mcap")).unwrap();
+    for attachment in session.attachments() {
+        writer.attach(&attachment.name, &attachment.data).unwrap();
+    }
+    for frame in scene_frames(3) {
+        let data = bytes::Bytes::from_static(b"\xff\xd8\xff\xe0 and then nothing");
+        let damaged = Frame { data, ..frame };
+        writer.frame(Camera::Scene, &damaged).unwrap();
+    }
+    writer.finish().unwrap();
+    assert_contains(
+        &replay_error(&desk, "damaged.mcap"),
+        &["damaged.mcap: all 3 pictures of the scene camera are damaged"],
+    );
 }

@@ -1,7 +1,7 @@
 //! `replay`: the frames that it writes, and the report.
 
 use crate::program::{Desk, desk_session, text};
-use crate::sessions::{put_rig_folder, put_tum_folder, scene_frames};
+use crate::sessions::{put_rig_folder, put_tum_folder, put_with_flipped_byte, scene_frames};
 use penumbra_picture::{Picture, YuvEncoding};
 
 const QUIET: &str = "--headless --speed max --listen 127.0.0.1:0";
@@ -241,4 +241,52 @@ fn exposure_is_reproducible_and_zero_changes_nothing() {
     };
     assert!(sum("shorter/00004.png") < sum("off/00004.png"));
     assert!(sum("auto/00004.png") > sum("off/00004.png"));
+}
+
+#[test]
+fn one_flipped_byte_is_said_with_all_that_it_costs() {
+    let desk = Desk::new();
+    put_with_flipped_byte(&desk, "damaged.mcap", 5);
+    let described = desk.works("info damaged.mcap");
+    let line = described.lines().find(|l| l.contains("damaged at byte"));
+    let line = line.unwrap_or_else(|| panic!("{described}"));
+    assert!(line.contains(" of /scene_camera/image from "), "{line}");
+
+    let output = desk.run(&format!(
+        "replay damaged.mcap {QUIET} --light-count 0 --report report.json"
+    ));
+    assert!(output.status.success());
+    let error = text(&output.stderr);
+    let lost = line.split("lost: ").nth(1).unwrap();
+    assert_eq!(error.lines().count(), 1, "{error}");
+    assert!(error.contains("WARN") && error.contains(lost), "{error}");
+    let report = desk.json("report.json");
+    let frames = &report["frames"];
+    let number = frames["lost"].as_u64().unwrap();
+    assert_eq!(number + frames["composed"].as_u64().unwrap(), 60);
+    assert!(number > 0 && text(&output.stdout).contains(&format!("{number} lost")));
+    assert_eq!(report["inputs"]["damaged_stretches"], 1);
+    let streams = report["damage"][0]["lost"].as_array().unwrap();
+    let scene = streams
+        .iter()
+        .find(|l| l["stream"] == "/scene_camera/image");
+    assert_eq!(scene.unwrap()["messages"].as_u64(), Some(number));
+}
+
+#[test]
+fn wrong_station_is_said_once() {
+    let desk = Desk::new();
+    desk.put(
+        "rig.toml",
+        "[tracker]\ndevice = \"/dev/ttyUSB0\"\nstation = 2\n",
+    );
+    let output = desk.run(&format!(
+        "replay DESK {QUIET} --config rig.toml --light-count 0 --frames 20"
+    ));
+    let error = text(&output.stderr);
+    assert_eq!(error.lines().count(), 1, "{error}");
+    assert!(
+        error.contains("no reading of station 2") && error.contains("stations seen: 1;"),
+        "{error}"
+    );
 }

@@ -36,6 +36,16 @@ pub fn put_without_attachments(desk: &Desk, session: &Session, name: &str) {
     writer.finish().unwrap();
 }
 
+/// Writes the bundled session with one flipped byte in the picture number `frame` of the scene
+/// camera.
+pub fn put_with_flipped_byte(desk: &Desk, name: &str, frame: usize) {
+    let mut bytes = std::fs::read(desk_session()).unwrap();
+    let picture = &scene_frames(frame + 1)[frame].data;
+    let at = bytes.windows(64).position(|w| *w == picture[1000..1064]);
+    bytes[at.unwrap()] ^= 1;
+    desk.put(name, bytes);
+}
+
 /// Writes an MCAP file of another program.
 pub fn put_foreign(desk: &Desk, name: &str) {
     let file = std::fs::File::create(desk.path(name)).unwrap();

@@ -1,6 +1,6 @@
 //! The other commands: `info`, `check-config`, `doctor`, `bench`, `light`.
 
-use crate::program::{Desk, text};
+use crate::program::{Desk, desk_session, text};
 
 #[test]
 fn info_lists_streams_rates_and_attachments() {
@@ -18,6 +18,23 @@ fn info_lists_streams_rates_and_attachments() {
     ] {
         assert!(printed.contains(part), "{part}: {printed}");
     }
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn full_disk_behind_standard_output_is_an_error() {
+    let desk = Desk::new();
+    let session = desk_session().display().to_string();
+    let full = std::fs::OpenOptions::new().write(true).open("/dev/full");
+    let mut command = desk.command(&["info", &session]);
+    let output = command.stdout(full.unwrap()).output().unwrap();
+    let error = text(&output.stderr);
+    assert_eq!(output.status.code(), Some(1), "{error}");
+    assert!(
+        error.starts_with("penumbra: standard output cannot be written"),
+        "{error}"
+    );
+    assert_eq!(error.lines().count(), 1, "{error}");
 }
 
 #[test]
@@ -215,6 +232,20 @@ fn light_refuses_files_that_are_not_pictures() {
     let line = desk.refuses("light notes.png --calibration calibration.toml --out light");
     assert!(line.contains("calibration.toml"), "{line}");
     assert!(!desk.path("light").exists());
+}
+
+/// They never end.
+#[cfg(target_os = "linux")]
+#[test]
+fn endless_devices_are_refused() {
+    let desk = Desk::new();
+    for line in [
+        "light /dev/zero --out light",
+        "simulate tracker --pty --trajectory /dev/zero",
+    ] {
+        let error = desk.refuses(line);
+        assert!(error.contains("larger than the limit"), "{line}: {error}");
+    }
 }
 
 #[test]

@@ -29,7 +29,7 @@ pub enum DeviceError {
         device: String,
     },
     /// The device has sent nothing for too long.
-    #[error("{device}: silent for {millis} ms; check its cable and power")]
+    #[error("{device}: silent for {millis} ms; {}", silence_advice(device))]
     Silent {
         /// Path or name.
         device: String,
@@ -87,6 +87,17 @@ pub enum DeviceError {
         /// Reason and remedy.
         reason: String,
     },
+}
+
+/// What to do about a silent device, by its name.
+fn silence_advice(device: &str) -> &'static str {
+    if device.starts_with("udp:") {
+        "check that its sender runs and sends to this address and port"
+    } else if device.starts_with("vrpn:") {
+        "check that the tracker is on, and its name at the server"
+    } else {
+        "check its cable and power"
+    }
 }
 
 impl DeviceError {

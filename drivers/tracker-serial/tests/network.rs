@@ -168,7 +168,14 @@ fn errors_name_the_reason_why_a_server_is_unusable() {
     let server = Server::start(greeting(), true);
     let said = error(&server, "Tracker9");
     assert!(
-        said.contains("no tracker \"Tracker9\"; it has Tracker0, Wand"),
+        said.contains("no pose of a tracker \"Tracker9\"; trackers that send some: Tracker0, Wand"),
+        "{said}"
+    );
+    // A real server repeats the name that a client asks for.
+    let echo = [greeting(), name(2, -1, "Tracker9")].concat();
+    let said = error(&Server::start(echo, true), "Tracker9");
+    assert!(
+        said.contains("trackers that send some: Tracker0, Wand; check the name"),
         "{said}"
     );
     let server = Server::start(b"HTTP/1.1 400 Bad Request\r\n\r\n".to_vec(), false);
@@ -178,10 +185,9 @@ fn errors_name_the_reason_why_a_server_is_unusable() {
         "{said}"
     );
     let server = Server::start(greeting(), false);
-    assert!(matches!(
-        open(&server.settings("Tracker0")).err().unwrap(),
-        DeviceError::Silent { millis: 3000, .. }
-    ));
+    let said = error(&server, "Tracker0");
+    assert!(said.contains("other devices of the server: Wand"), "{said}");
+    assert!(!said.contains("cable") && !said.contains("baud"), "{said}");
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let port = listener.local_addr().unwrap().port();
     drop(listener);

@@ -115,10 +115,17 @@ impl<'a> Fields<'a> {
 
     /// Returns the lens of a 3×3 camera matrix, without distortion.
     pub fn lens(&self, key: &str, size: (u32, u32)) -> Result<Lens> {
-        let wrong = || self.wrong(key, "fx, 0, cx, 0, fy, cy, 0, 0, 1 with fx and fy above 0");
+        let wrong = || {
+            self.wrong(
+                key,
+                "fx, 0, cx, 0, fy, cy, 0, 0, 1 with fx and fy from 1 to 1e6 pixels",
+            )
+        };
         let k: [f64; 9] = self.matrix(key)?.try_into().map_err(|_| wrong())?;
         let [fx, skew, cx, zero, fy, cy, ..] = k;
-        if fx <= 0.0 || fy <= 0.0 || skew != 0.0 || zero != 0.0 || k[6..] != [0.0, 0.0, 1.0] {
+        let is_focal = |f: f64| (1.0..=1e6).contains(&f);
+        if !is_focal(fx) || !is_focal(fy) || skew != 0.0 || zero != 0.0 || k[6..] != [0.0, 0.0, 1.0]
+        {
             return Err(wrong());
         }
         Ok(Lens::ideal(

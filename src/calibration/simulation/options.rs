@@ -147,5 +147,5 @@ fn size(text: &str) -> Result<(u32, u32), String> {
     let parsed = sides.and_then(|(w, h)| Some((w.parse().ok()?, h.parse().ok()?)));
     parsed
         .filter(|(w, h)| (64..=4096).contains(w) && (64..=4096).contains(h))
-        .ok_or_else(|| "expected WIDTHxHEIGHT, e.g. 640x480".to_owned())
+        .ok_or_else(|| "expected WIDTHxHEIGHT, 64 to 4096 pixels each, e.g. 640x480".to_owned())
 }

@@ -236,16 +236,23 @@ impl OutputArgs {
             }
             Destination::Named { out, report } => (out, report),
         };
-        write(report, found.report.as_bytes(), self.force)?;
         // The result of a verification is written whatever its grade; a refused calibration must
         // not be used by mistake.
         let is_written = found.grade != Grade::Refused || step == "verify";
         let file = found.file.as_ref().filter(|_| is_written);
-        if let Some(file) = file {
-            write(out, file.as_bytes(), self.force)?;
-        }
+        let Some(file) = file else {
+            // Under a name of its own, which the next try may replace.
+            let report = out.with_extension("refused.html");
+            write(&report, found.report.as_bytes(), true)?;
+            return Ok(WrittenFiles {
+                report: Some(report),
+                ..WrittenFiles::default()
+            });
+        };
+        write(report, found.report.as_bytes(), self.force)?;
+        write(out, file.as_bytes(), self.force)?;
         Ok(WrittenFiles {
-            file: file.map(|_| out.clone()),
+            file: Some(out.clone()),
             backup: None,
             report: Some(report.clone()),
         })

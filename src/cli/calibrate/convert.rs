@@ -4,6 +4,7 @@ use crate::cli::files::{claim, write};
 use anyhow::{Context, anyhow, bail};
 use clap::{Args, ValueEnum};
 use penumbra_calibration::formats::{self, Dialect, NamedLens};
+use penumbra_picture::read_bounded;
 use penumbra_rig::wall_date::iso_now;
 use penumbra_rig_model::lens_record::LensRecord;
 use std::path::{Path, PathBuf};
@@ -54,7 +55,7 @@ fn size(text: &str) -> Result<(u32, u32), String> {
 pub fn run(args: &ConvertArgs) -> anyhow::Result<ExitCode> {
     claim(&args.out, args.force)?;
     let source = args.from.display().to_string();
-    let bytes = std::fs::read(&args.from).with_context(|| source.clone())?;
+    let bytes = read_bounded(&args.from, 64 << 20).with_context(|| source.clone())?;
     let camera = selected(lenses(&source, &bytes, args.size)?, args)?;
     let text = match args.to {
         Format::Penumbra => {

@@ -9,6 +9,7 @@ use penumbra_calibration::environment_camera_calibration::{
     parse_clicks,
 };
 use penumbra_fiducials::Family;
+use penumbra_picture::read_text_bounded;
 use penumbra_rig_model::lens_files::ENVIRONMENT_LENS;
 use penumbra_rig_model::lens_record::LensRecord;
 use penumbra_session::Session;
@@ -130,6 +131,6 @@ fn clicked_pairs(args: &EnvironmentArgs) -> anyhow::Result<Vec<Click>> {
         return Ok(Vec::new());
     };
     let name = path.display().to_string();
-    let text = std::fs::read_to_string(path).with_context(|| name.clone())?;
+    let text = read_text_bounded(path, 16 << 20).with_context(|| name.clone())?;
     parse_clicks(&text).with_context(|| name)
 }

@@ -1,7 +1,7 @@
 //! Reads pictures from files.
 
 use anyhow::Context as _;
-use penumbra_picture::Picture;
+use penumbra_picture::{MAX_PICTURE_BYTES, Picture, read_bounded};
 use penumbra_rig::calibration_runner::picture_files;
 use std::path::Path;
 
@@ -13,7 +13,7 @@ pub fn pictures(folder: &Path) -> anyhow::Result<Vec<Picture>> {
 
 /// Reads a picture.
 pub fn picture(file: &Path) -> anyhow::Result<Picture> {
-    let bytes =
-        std::fs::read(file).with_context(|| format!("{}: cannot be read", file.display()))?;
+    let bytes = read_bounded(file, MAX_PICTURE_BYTES)
+        .with_context(|| format!("{}: cannot be read", file.display()))?;
     Picture::from_file_bytes(&bytes).with_context(|| file.display().to_string())
 }

@@ -10,7 +10,7 @@ use penumbra_calibration::radiometric::step::{Radiometric, RadiometricOptions};
 use penumbra_calibration::step::{CameraRole, PictureInput, Progress, Step as _, StepInput};
 use penumbra_config::Config;
 use penumbra_interface::MonotonicTime;
-use penumbra_picture::Picture;
+use penumbra_picture::{Picture, read_bounded};
 use penumbra_rig::calibration_runner::{estimate_from_overlap, feed_session, radiometric_options};
 use penumbra_rig_model::RigDocument;
 use penumbra_session::Session;
@@ -157,8 +157,8 @@ fn rig(args: &RadiometricArgs, session: Option<&Session>) -> anyhow::Result<Opti
         let live = !args.has_pictures();
         return live.then(|| args.output.rig()).transpose();
     };
-    let bytes =
-        std::fs::read(path).with_context(|| format!("{}: cannot be read", path.display()))?;
+    let bytes = read_bounded(path, 16 << 20)
+        .with_context(|| format!("{}: cannot be read", path.display()))?;
     let rig = RigDocument::parse(&bytes).with_context(|| path.display().to_string())?;
     Ok(Some(rig))
 }

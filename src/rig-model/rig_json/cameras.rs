@@ -3,7 +3,8 @@
 use super::document::Marker;
 use super::error::RigJsonError;
 use super::values::{
-    Array, CameraMatrix, Colour, Count, ImageSize, Latency, List, Number, Pose, Positive, Vector,
+    Array, CameraMatrix, Colour, Count, Focal, ImageSize, Latency, List, Number, Pose, Positive,
+    Vector,
 };
 use crate::{EnvironmentCamera, SceneCamera, SphereMarker, TrackerCalibration};
 use glam::{DVec2, DVec3};
@@ -183,7 +184,7 @@ struct Projection {
     /// Only checked: both models have the same formula.
     #[serde(rename = "model")]
     _model: Option<ProjectionModel>,
-    f: Positive,
+    f: Focal,
     cx: Number,
     cy: Number,
     max_theta_rad: HalfAngle,

@@ -171,6 +171,12 @@ const WRONG_VALUES: &[(&str, &str, &str)] = &[
         "unit quaternion",
     ),
     ("/tracker/fastrak/units", r#""cubits""#, "centimetres"),
+    (
+        "/environment_camera/projection/f",
+        "1e-300",
+        "1 to 1e6 pixels",
+    ),
+    ("/scene_camera/K/0/0", "1e-300", "fx and fy from 1"),
     ("/mirror_sphere/radius", "0", "above 0"),
     (
         "/phantoms/0/ply_frame",
@@ -455,4 +461,23 @@ fn replace_nth(value: &mut Value, left: &mut usize, with: &Value) {
         Value::Object(items) => items.values_mut().for_each(|v| replace_nth(v, left, with)),
         _ => {}
     }
+}
+
+#[test]
+fn matrix_and_quaternion_may_not_contradict_each_other() {
+    let matrix = json!([[1, 0, 0, 0.5], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]);
+    let pose = |position: [f64; 3], quaternion: [f64; 4]| {
+        let mut rig = rig();
+        rig["tracker"]["T_sensor_cam"] = json!({
+            "matrix_row_major": matrix, "position": position, "quaternion_wxyz": quaternion
+        });
+        RigDocument::parse(rig.to_string().as_bytes()).map_err(|e| e.to_string())
+    };
+    pose([0.5, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0]).unwrap();
+    pose([0.5, 0.0, 0.0], [-1.0, 0.0, 0.0, 0.0]).unwrap();
+    let text = pose([0.5, 0.0, 0.0], [0.8, 0.6, 0.0, 0.0]).unwrap_err();
+    let expected = "matrix_row_major and quaternion_wxyz contradict each other; remove one";
+    assert!(text.contains(expected), "{text}");
+    let text = pose([0.6, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0]).unwrap_err();
+    assert!(text.contains("matrix_row_major and position"), "{text}");
 }

@@ -26,6 +26,10 @@ pub(super) struct Number(pub f64);
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Positive(pub f64);
 
+/// A focal length, pixels.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Focal(pub f64);
+
 /// A number of at least 0.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct NotNegative(pub f64);
@@ -82,6 +86,12 @@ impl<'de> Deserialize<'de> for Number {
 impl<'de> Deserialize<'de> for Positive {
     fn deserialize<D: Deserializer<'de>>(from: D) -> Result<Self, D::Error> {
         number(from, "a number above 0 (and at most 1e6)", |x| x > 0.0).map(Self)
+    }
+}
+
+impl<'de> Deserialize<'de> for Focal {
+    fn deserialize<D: Deserializer<'de>>(from: D) -> Result<Self, D::Error> {
+        number(from, "a focal length from 1 to 1e6 pixels", |x| x >= 1.0).map(Self)
     }
 }
 
@@ -288,13 +298,13 @@ impl TryFrom<Array<Array<Number, 3>, 3>> for CameraMatrix {
 
     fn try_from(rows: Array<Array<Number, 3>, 3>) -> Result<Self, Self::Error> {
         match rows.0.map(Array::numbers) {
-            [[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]] if fx > 0.0 && fy > 0.0 => Ok(Self {
+            [[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]] if fx >= 1.0 && fy >= 1.0 => Ok(Self {
                 focal: DVec2::new(fx, fy),
                 centre: DVec2::new(cx, cy),
             }),
-            _ => {
-                Err("must be [[fx, 0, cx], [0, fy, cy], [0, 0, 1]], pixels, with fx and fy above 0")
-            }
+            _ => Err(
+                "must be [[fx, 0, cx], [0, fy, cy], [0, 0, 1]], pixels, with fx and fy from 1 to 1e6",
+            ),
         }
     }
 }
@@ -353,7 +363,12 @@ impl TryFrom<PlacementFields> for Placement {
 
     fn try_from(fields: PlacementFields) -> Result<Self, FieldError> {
         if let Some(Affine(matrix)) = fields.matrix_row_major {
-            return Ok(Self(matrix));
+            return match contradiction(&matrix, fields.position, fields.quaternion_wxyz) {
+                Some(key) => Err(FieldError::custom(format_args!(
+                    "matrix_row_major and {key} contradict each other; remove one of them"
+                ))),
+                None => Ok(Self(matrix)),
+            };
         }
         let missing = FieldError::missing_field;
         let Vector(position) = fields.position.ok_or_else(|| missing("position"))?;
@@ -362,6 +377,28 @@ impl TryFrom<PlacementFields> for Placement {
             .ok_or_else(|| missing("quaternion_wxyz"))?;
         Ok(Self(DMat4::from_rotation_translation(rotation.0, position)))
     }
+}
+
+/// Returns the key that states another placement than the matrix, beyond the rounding of digits.
+fn contradiction(
+    matrix: &DMat4,
+    position: Option<Vector>,
+    rotation: Option<UnitQuaternion>,
+) -> Option<&'static str> {
+    let stated = matrix.w_axis.truncate();
+    if position.is_some_and(|p| p.0.distance(stated) > ROTATION_TOLERANCE) {
+        return Some("position");
+    }
+    // The axes of an object may be scaled.
+    let axes = DMat3::from_mat4(*matrix);
+    let differs = |UnitQuaternion(rotation): UnitQuaternion| {
+        let columns = [axes.x_axis, axes.y_axis, axes.z_axis];
+        let turned = DMat3::from_quat(rotation);
+        let turned = [turned.x_axis, turned.y_axis, turned.z_axis];
+        let mut pairs = columns.into_iter().zip(turned);
+        pairs.any(|(column, axis)| column.normalize_or_zero().distance(axis) > ROTATION_TOLERANCE)
+    };
+    rotation.is_some_and(differs).then_some("quaternion_wxyz")
 }
 
 /// A placement without scale or mirroring.

@@ -1,7 +1,7 @@
 //! Reads the pictures of a folder.
 
 use crate::error::RigError;
-use penumbra_picture::Picture;
+use penumbra_picture::{MAX_PICTURE_BYTES, Picture, read_bounded};
 use std::path::{Path, PathBuf};
 
 /// A picture of a folder.
@@ -46,7 +46,7 @@ pub fn for_each_picture(
     let files = picture_files(folder)?;
     let mut damaged = 0;
     for (i, path) in files.iter().enumerate() {
-        let bytes = std::fs::read(path).map_err(|e| unreadable(path, &e))?;
+        let bytes = read_bounded(path, MAX_PICTURE_BYTES).map_err(|e| unreadable(path, &e))?;
         let Ok(picture) = Picture::from_file_bytes(&bytes) else {
             damaged += 1;
             continue;

@@ -7,6 +7,8 @@ use penumbra_picture::Picture;
 use penumbra_session::{Camera, SessionError, SessionWriter};
 use penumbra_status::stream::{EncodeError, JpegEncoder};
 use serde_json::Value;
+use std::fs::File;
+use std::io::BufWriter;
 use std::path::Path;
 use thiserror::Error;
 
@@ -57,7 +59,20 @@ pub fn record_simulation(
     path: &Path,
     mut report: impl FnMut(f64),
 ) -> Result<Value, SimulationRecordingError> {
-    let mut writer = SessionWriter::create(path)?;
+    let writer = SessionWriter::create(path)?;
+    let written = record(simulation, writer, &mut report);
+    if written.is_err() {
+        // A part of a simulation is of no use.
+        let _ = std::fs::remove_file(path);
+    }
+    written
+}
+
+fn record(
+    simulation: &SimulatedRig,
+    mut writer: SessionWriter<BufWriter<File>>,
+    report: &mut impl FnMut(f64),
+) -> Result<Value, SimulationRecordingError> {
     let rig_json = simulation.rig_json().to_string();
     writer.attach("rig.json", rig_json.as_bytes())?;
     let mut random = Random::new(simulation.options.seed ^ 0x5eed);

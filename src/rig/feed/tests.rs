@@ -181,3 +181,56 @@ fn replay_pairs_as_the_live_rig_and_reads_its_journal() {
     }
     assert_eq!(count, 10);
 }
+
+/// A line that drops and inserts one byte in a hundred. The bytes of two records can form a third
+/// one with possible numbers, which only the sensor's motion refutes.
+#[test]
+fn misread_records_stay_out_of_the_picture_and_are_counted() {
+    let mut random = penumbra_numerics::Random::new(7);
+    let mut writer = SessionWriter::new(Cursor::new(Vec::new()), Path::new("memory")).unwrap();
+    let place = |seconds: f64| glam::DVec3::new(0.5, 0.1 * (2.0 * seconds).sin(), -0.3);
+    for i in 0..4800_i64 {
+        let at = MonotonicTime::from_nanos(1_000_000 * MS + i * 8_333_333);
+        let p = place(i as f64 * 8.333_333e-3) / 0.0254;
+        let mut record = b"01 ".to_vec();
+        for value in [p.x, p.y, p.z, 40.0, 10.0, -20.0] {
+            record.extend((value as f32).to_le_bytes());
+        }
+        record.push(b' ');
+        let mut bytes = Vec::new();
+        for byte in record {
+            match random.between(0.0, 200.0) as u32 {
+                0 => (),
+                1 => bytes.extend([byte, random.between(0.0, 256.0) as u8]),
+                _ => bytes.push(byte),
+            }
+        }
+        writer
+            .tracker_bytes("fastrak-binary-euler", &bytes, at)
+            .unwrap();
+        if i % 4 == 3 {
+            writer
+                .event(&SessionEvent::Scene(frame(at, i as u64)))
+                .unwrap();
+        }
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("noisy.mcap");
+    std::fs::write(&path, writer.finish().unwrap().into_inner()).unwrap();
+    let mut feed = feed(&Source::Recorded(Session::open(&path).unwrap()));
+    let mut worst = 0.0_f64;
+    while let Next::Item(item) = feed.next_picture(None) {
+        let captured_at = item.frame.captured_at.as_nanos() - 1_000_000 * MS;
+        if let Some(pose) = item.frame.pose {
+            let expected = place(captured_at as f64 * 1e-9);
+            worst = worst.max(pose.transmitter_from_sensor.translation.distance(expected));
+        }
+    }
+    let counts = feed.pairing_counts();
+    assert!(worst < 0.01, "{worst} m off; {counts:?}");
+    assert!(counts.rejected_poses > 0, "{counts:?}");
+    let missing = 4800 - counts.poses - counts.rejected_poses;
+    assert!(missing > 500, "{counts:?}");
+    let lost = feed.lost_readings();
+    assert!(lost.abs_diff(missing) * 5 < missing, "{lost} of {missing}");
+}

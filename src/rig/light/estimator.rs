@@ -9,7 +9,7 @@ use crate::light::state::LightState;
 use crate::light::surfaces::{GroundRadiance, PhantomSurfaces};
 use crate::light::view::{SceneView, SphereAt};
 use crate::registration::DEFAULT_SPHERE_SIGMA;
-use crate::setup::RigSetup;
+use crate::setup::{RigSetup, max_pixels};
 use glam::{DVec3, Mat3, Quat, Vec3};
 use penumbra_camera::EnvironmentView;
 use penumbra_camera::Response;
@@ -20,7 +20,7 @@ use penumbra_lighting::average::LightAverage;
 use penumbra_lighting::{
     Bracket, EnvironmentEstimator, EnvironmentInput, LightPlacement, Lighting, SpherePosition,
 };
-use penumbra_picture::{Picture, PictureError, YuvEncoding, decode_into};
+use penumbra_picture::{Picture, PictureError, YuvEncoding, decode_within};
 use penumbra_rig_model::Attachments;
 use penumbra_rig_model::RigCalibration;
 use penumbra_scene::{Hit, RayCaster, casters};
@@ -137,9 +137,15 @@ impl LightEstimator {
     }
 
     fn decode(&mut self, set: &EnvironmentSet) -> Result<(), RigError> {
+        let view = self.rig.environment.as_ref().map(|e| &e.view);
+        let max_pixels = max_pixels(match view {
+            Some(EnvironmentView::Fisheye { lens, .. }) => (lens.width, lens.height),
+            Some(EnvironmentView::Sphere { camera, .. }) => (camera.width, camera.height),
+            Some(EnvironmentView::SphereInScene { .. }) | None => (0, 0),
+        });
         self.decoded.resize_with(set.frames.len(), Picture::default);
         for (frame, picture) in set.frames.iter().zip(&mut self.decoded) {
-            decode_into(frame, &self.yuv, picture).map_err(unreadable)?;
+            decode_within(max_pixels, frame, &self.yuv, picture).map_err(unreadable)?;
         }
         Ok(())
     }

@@ -13,7 +13,7 @@ use penumbra_capture::Next;
 use penumbra_config::Config;
 use penumbra_interface::RigidTransform;
 use penumbra_lighting::{LightReport, Lighting};
-use penumbra_picture::{Picture, decode_into};
+use penumbra_picture::{Picture, decode_within};
 use penumbra_session::Session;
 use penumbra_white_balance::MatchStatus;
 use std::sync::Arc;
@@ -35,7 +35,8 @@ pub fn light_of_session(session: &Session, config: &Config) -> Result<LightRepor
     let mut picture = Picture::default();
     while let Next::Item(item) = feed.next_picture(None) {
         let frame = item.frame;
-        if decode_into(&frame.scene, &config.input.encoding(), &mut picture).is_err() {
+        let (max_pixels, yuv) = (setup.max_scene_pixels(), config.input.encoding());
+        if decode_within(max_pixels, &frame.scene, &yuv, &mut picture).is_err() {
             continue;
         }
         let pose = setup.world_from_camera(&frame);

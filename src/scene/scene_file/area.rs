@@ -96,7 +96,7 @@ pub(super) fn screen(
     }
     let texture = match &file.texture {
         None => None,
-        Some(name) => match read_texture(&folder.join(name)) {
+        Some(name) => match read_texture(folder, name) {
             Ok(texture) if mean_luminance(Some(&texture)) > 0.0 => Some(Arc::new(texture)),
             Ok(_) => return wrong("texture", format!("{name} is entirely black")),
             Err(reason) => return wrong("texture", reason),

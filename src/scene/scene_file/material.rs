@@ -1,7 +1,7 @@
 //! Materials of a scene file, which override those of the model file.
 
 use super::typed::{Colour, MaterialFile, PhongFile};
-use crate::gltf_file::read_file;
+use crate::gltf_file::{path_inside, read_file};
 use crate::gltf_material::decode;
 use crate::mesh::{Material, Mesh, Part, Phong, SceneTexture};
 use crate::normals::recompute_tangents;
@@ -12,7 +12,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 /// Maximum size of a decoded texture, bytes.
-const TEXTURE_BYTES: u64 = 1 << 30;
+const TEXTURE_BYTES: u64 = 1 << 29;
 /// Tolerance of the sum of two shares.
 const ROUNDING: f32 = 1e-5;
 
@@ -152,7 +152,7 @@ fn textured(out: &mut Material, file: &MaterialFile, at: &str, folder: &Path) ->
     ];
     for (place, (key, name)) in places.into_iter().zip(file.textures()) {
         if let Some(name) = name {
-            let texture = read_texture(&folder.join(name));
+            let texture = read_texture(folder, name);
             let texture = texture.map_err(|reason| Fault::new(format!("{at}.{key}"), reason))?;
             *place = Some(Arc::new(texture));
         }
@@ -170,13 +170,20 @@ fn textured(out: &mut Material, file: &MaterialFile, at: &str, folder: &Path) ->
     }
 }
 
-pub(super) fn read_texture(path: &Path) -> Result<SceneTexture, String> {
+/// Reads a texture in the folder of the scene file. A scene may come from somebody else, so it
+/// reads no pictures elsewhere.
+pub(super) fn read_texture(folder: &Path, name: &str) -> Result<SceneTexture, String> {
+    let path = folder.join(name);
+    let shown = path.display();
     if !path.is_file() {
-        let path = path.display();
-        return Err(format!("there is no file {path}; expected a PNG or JPEG"));
+        return Err(format!("there is no file {shown}; expected a PNG or JPEG"));
     }
-    let bytes = read_file(path).map_err(|e| e.to_string())?;
-    decode(&bytes, TEXTURE_BYTES).map_err(|e| format!("{}: {e}", path.display()))
+    let inside = path_inside(folder, name)?;
+    let inside = inside.ok_or_else(|| {
+        format!("{shown} lies outside the folder of the scene file; put the picture there")
+    })?;
+    let bytes = read_file(&inside).map_err(|e| e.to_string())?;
+    decode(&bytes, TEXTURE_BYTES).map_err(|e| format!("{shown}: {e}"))
 }
 
 fn has_coordinates(mesh: &Mesh) -> bool {

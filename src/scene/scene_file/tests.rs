@@ -482,6 +482,31 @@ fn reads_textures_from_the_scene_files_folder() {
     }
 }
 
+#[test]
+fn textures_outside_the_folder_of_the_scene_file_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = folder.path().join("scene");
+    std::fs::create_dir_all(scene.join("pictures")).unwrap();
+    let picture = image::RgbaImage::from_pixel(2, 2, image::Rgba([128, 255, 128, 255]));
+    picture.save(folder.path().join("private.png")).unwrap();
+    picture.save(scene.join("pictures/own.png")).unwrap();
+    let absolute = folder.path().join("private.png").display().to_string();
+    let read = |texture: &str| {
+        let text = format!(
+            "[[object]]\nshape = \"plane\"\nsize_m = [1, 1]\nmaterial.emissive_texture = {texture:?}"
+        );
+        SceneAddition::read(&TomlText::new("s.toml", text), &scene)
+    };
+    read("pictures/own.png").unwrap();
+    for outside in ["../private.png", &absolute] {
+        let text = read(outside).unwrap_err().to_string();
+        assert!(
+            text.contains("lies outside the folder of the scene file"),
+            "{text}"
+        );
+    }
+}
+
 fn along(keys: &str) -> String {
     format!("[[object]]\nname = \"ball\"\nshape = \"sphere\"\nradius_m = 1\n{keys}\n")
 }

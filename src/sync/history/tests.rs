@@ -176,6 +176,53 @@ fn rejects_single_outlier_and_accepts_lasting_jump() {
     assert_eq!(history.at(at(205)), None);
 }
 
+/// A misread record of a sensor at rest, or in vigorous motion, is off by less than a hand moves in
+/// the time between two readings.
+#[test]
+fn motion_model_rejects_what_the_speed_alone_allows() {
+    for (hertz, amplitude) in [(0.0, 0.0), (2.0, 0.1)] {
+        let mut history = PoseHistory::new(config(LOCAL));
+        let (mut rejected, mut worst) = (0, 0.0_f64);
+        for i in 0..1200 {
+            let time = MonotonicTime::from_nanos(i * 8_333_333);
+            let phase = std::f64::consts::TAU * hertz * i as f64 / 120.0;
+            let place = DVec3::X * amplitude * phase.sin();
+            let is_misread = i % 100 == 50;
+            let misread = place + DVec3::Y * if is_misread { 0.07 } else { 0.0 };
+            let pose =
+                |place| RigidTransform::new(DQuat::from_rotation_z(0.3 * phase.sin()), place);
+            let pushed = history.push(time, pose(misread));
+            assert_eq!(pushed == Pushed::Outlier, is_misread, "{i}: {pushed:?}");
+            rejected += u64::from(pushed == Pushed::Outlier);
+            if let Some(found) = history.at(time).filter(|_| i > 20) {
+                let off = found.transmitter_from_sensor.translation.distance(place);
+                worst = worst.max(off);
+            }
+        }
+        assert_eq!(rejected, 12);
+        assert!(worst < 0.01, "{worst} m");
+    }
+}
+
+/// Readings that arrive late or in batches are no misreadings.
+#[test]
+fn motion_model_accepts_irregular_arrivals() {
+    for batch in [1, 2, 4] {
+        let mut history = PoseHistory::new(config(LOCAL));
+        for i in 0..1200_i64 {
+            let measured = i as f64 / 120.0;
+            let arrived = (i / batch * batch + batch) * 8_333_333 + i % batch * 90_000;
+            let late = (i * 7919 % 13) * 300_000 / batch;
+            let time = MonotonicTime::from_nanos(arrived + late);
+            let turn = (5.0 * measured).sin();
+            let place = DVec3::new(0.12 * turn, 0.08 * (7.0 * measured).cos(), 0.0);
+            let pose = RigidTransform::new(DQuat::from_rotation_y(0.3 * turn), place);
+            let pushed = history.push(time, pose);
+            assert_ne!(pushed, Pushed::Outlier, "{i} of batches of {batch}");
+        }
+    }
+}
+
 #[test]
 fn history_has_bounded_length() {
     let small = HistoryConfig {

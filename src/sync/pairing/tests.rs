@@ -390,3 +390,25 @@ fn latency_approaches_its_target_by_a_millisecond_per_second() {
     pairing.push_pose(&reading(90_000));
     assert!(pairing.tracker_latency() < 6 * MILLI);
 }
+
+#[test]
+fn wrong_station_is_named_with_those_that_were_seen() {
+    let mut pairing = pairing(|config| config.station = Some(2));
+    for millis in (0..800).step_by(8) {
+        assert!(
+            pairing.counts().other_stations >= 30 || pairing.counts().wrong_station().is_none()
+        );
+        pairing.push_pose(&reading(millis));
+    }
+    let problem = pairing.counts().wrong_station().unwrap();
+    assert!(
+        problem.contains("no reading of station 2 among 100; stations seen: 1;"),
+        "{problem}"
+    );
+    let own = PoseSample {
+        station: 2,
+        ..reading(800)
+    };
+    pairing.push_pose(&own);
+    assert_eq!(pairing.counts().wrong_station(), None);
+}

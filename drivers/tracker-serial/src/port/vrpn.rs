@@ -14,6 +14,13 @@ const CONNECT_TIMEOUT: Duration = Duration::from_secs(2);
 /// Time limit for the server's cookie and the first pose, sufficient for a slow network.
 const HANDSHAKE_TIMEOUT: Duration = Duration::from_secs(3);
 
+/// The device by which every VRPN server controls its connections.
+const CONTROL: &str = "VRPN Control";
+/// Maximum number of the server's names in a message.
+const MAX_NAMES: usize = 8;
+/// Maximum length of one of them, characters.
+const MAX_NAME_LENGTH: usize = 60;
+
 /// A connection to a VRPN server.
 #[derive(Debug)]
 pub struct VrpnTracker {
@@ -61,8 +68,8 @@ impl VrpnTracker {
             .write_all(&greeting)
             .map_err(|error| opened.failed(&error))?;
         opened.await_pose()?;
-        let senders: Vec<_> = opened.client.senders().collect();
-        opened.report.description = Some(format!("VRPN server with {}", senders.join(", ")));
+        let devices = listed(opened.client.senders());
+        opened.report.description = Some(format!("VRPN server with {devices}"));
         Ok(opened)
     }
 
@@ -78,15 +85,24 @@ impl VrpnTracker {
         Ok(())
     }
 
+    /// The error of a tracker that has sent no pose. Its name among the server's devices proves
+    /// nothing, because a server repeats the name that a client asks for; poses of others do.
     fn no_pose_error(&self) -> DeviceError {
-        let senders: Vec<_> = self.client.senders().collect();
-        if senders.is_empty() || senders.contains(&self.tracker.as_str()) {
+        if !self.client.greeted() {
             return self.silent(HANDSHAKE_TIMEOUT.as_millis() as u64);
         }
+        let is_other = |name: &&str| *name != self.tracker && *name != CONTROL;
+        let tracker = &self.tracker;
+        let others = match listed(self.client.trackers().filter(is_other)) {
+            names if !names.is_empty() => format!("trackers that send some: {names}"),
+            _ => match listed(self.client.senders().filter(is_other)) {
+                names if !names.is_empty() => format!("other devices of the server: {names}"),
+                _ => "the server names no other device".to_owned(),
+            },
+        };
         self.unready(format!(
-            "the server has no tracker {:?}; it has {}",
-            self.tracker,
-            senders.join(", ")
+            "no pose of a tracker {tracker:?}; {others}; check the name before the @ in `device`, \
+             and that the tracker is on"
         ))
     }
 
@@ -177,6 +193,19 @@ impl Tracker for VrpnTracker {
     fn report(&self) -> TrackerReport {
         self.report.clone()
     }
+}
+
+/// Lists names from a server: few, and without control characters.
+fn listed<'a>(names: impl Iterator<Item = &'a str>) -> String {
+    let mut names = names.map(|name| {
+        let printable = name.chars().filter(|character| !character.is_control());
+        printable.take(MAX_NAME_LENGTH).collect::<String>()
+    });
+    let mut shown: Vec<_> = names.by_ref().take(MAX_NAMES).collect();
+    if names.next().is_some() {
+        shown.push("…".to_owned());
+    }
+    shown.join(", ")
 }
 
 fn connect(host: &str, device: &str) -> Result<TcpStream, DeviceError> {

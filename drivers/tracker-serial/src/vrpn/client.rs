@@ -1,7 +1,7 @@
 //! A VRPN client without I/O.
 
 use super::wire::{self, COOKIE_LEN, MESSAGE_HEADER_LEN, POS_QUAT_LEN};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use thiserror::Error;
 
 /// Client and server must have the same major version; the minor one does not matter.
@@ -18,6 +18,8 @@ const POS_QUAT: &str = "vrpn_Tracker Pos_Quat";
 const MESSAGE_LIMIT: usize = 1 << 16;
 /// Maximum number of stored names; a server has far fewer.
 const NAMES_LIMIT: usize = 4096;
+/// Maximum length of a name, bytes; VRPN's own limit is 100.
+const NAME_LIMIT: usize = 256;
 
 /// The connection is unusable.
 #[derive(Clone, Debug, Error, PartialEq, Eq)]
@@ -54,6 +56,8 @@ pub struct Client {
     /// Names by the numbers that the server gives them.
     senders: BTreeMap<i32, String>,
     types: BTreeMap<i32, String>,
+    /// Numbers of the devices that have sent poses.
+    moving: BTreeSet<i32>,
 }
 
 impl Client {
@@ -66,6 +70,7 @@ impl Client {
             buffer: Vec::new(),
             senders: BTreeMap::new(),
             types: BTreeMap::new(),
+            moving: BTreeSet::new(),
         }
     }
 
@@ -96,9 +101,16 @@ impl Client {
         self.greeted
     }
 
-    /// Names of the server's devices that it has sent so far.
+    /// Names of devices that the server has sent so far. A server also repeats the name that the
+    /// client has asked for, whether it has such a device or not.
     pub fn senders(&self) -> impl Iterator<Item = &str> {
         self.senders.values().map(String::as_str)
+    }
+
+    /// Names of the devices that have sent poses so far.
+    pub fn trackers(&self) -> impl Iterator<Item = &str> {
+        let name = |number| self.senders.get(number).map(String::as_str);
+        self.moving.iter().filter_map(name)
     }
 
     /// Adds received bytes, which may be split anywhere, and appends every complete `Pos_Quat`
@@ -164,24 +176,32 @@ impl Client {
             SENDER_DESCRIPTION => remember(&mut self.senders, sender, payload),
             TYPE_DESCRIPTION => remember(&mut self.types, sender, payload),
             DISCONNECT => return Err(VrpnError::Closed),
-            _ if self.is_pose(sender, kind) && message.len() == POS_QUAT_LEN => {
-                messages.extend_from_slice(message);
+            _ if self.is_pose(kind) && message.len() == POS_QUAT_LEN => {
+                if self.moving.len() < NAMES_LIMIT {
+                    self.moving.insert(sender);
+                }
+                if self.is_of_tracker(sender) {
+                    messages.extend_from_slice(message);
+                }
             }
             _ => {}
         }
         Ok(())
     }
 
-    fn is_pose(&self, sender: i32, kind: i32) -> bool {
-        self.senders
-            .get(&sender)
-            .is_some_and(|name| *name == self.tracker)
-            && self.types.get(&kind).is_some_and(|name| name == POS_QUAT)
+    fn is_pose(&self, kind: i32) -> bool {
+        self.types.get(&kind).is_some_and(|name| name == POS_QUAT)
+    }
+
+    fn is_of_tracker(&self, sender: i32) -> bool {
+        let name = self.senders.get(&sender);
+        name.is_some_and(|name| *name == self.tracker)
     }
 }
 
 fn remember(names: &mut BTreeMap<i32, String>, number: i32, payload: &[u8]) {
-    if let Some(name) = wire::name_in(payload).filter(|_| names.len() < NAMES_LIMIT) {
+    let is_short = |name: &&str| names.len() < NAMES_LIMIT && name.len() <= NAME_LIMIT;
+    if let Some(name) = wire::name_in(payload).filter(is_short) {
         names.insert(number, name.to_owned());
     }
 }

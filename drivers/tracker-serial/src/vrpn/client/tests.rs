@@ -41,6 +41,8 @@ fn only_poses_of_the_tracker_are_passed_on_and_decode() {
     assert_eq!(messages.len(), 2 * POS_QUAT_LEN);
     let names: Vec<_> = client.senders().collect();
     assert_eq!(names, ["VRPN Control", "Tracker0", "Tracker1"]);
+    let trackers: Vec<_> = client.trackers().collect();
+    assert_eq!(trackers, ["Tracker0", "Tracker1"]);
     let mut found = Vec::new();
     let mut decoder = AnyDecoder::for_protocol("vrpn").unwrap();
     decoder.push(
