@@ -46,6 +46,18 @@ pub struct FramePlan {
 }
 
 impl FramePlan {
+    /// The plan of a frame, `has_virtual` with virtual objects, before its tiles are known.
+    fn of(input: &FrameInput<'_>, has_virtual: bool) -> Self {
+        let by_paper = input.lamp_response == LampResponse::Paper;
+        Self {
+            subtract: input.shadow_mode == ShadowMode::Subtract,
+            lamps_apart: has_virtual && !input.lamps.is_empty() && by_paper,
+            covered: [0; 4],
+            cleared: [0; 4],
+            reprojected: input.reprojection.is_some(),
+        }
+    }
+
     /// The change of the picture without shadow: a factor, or what is subtracted.
     pub const fn unshadowed(&self) -> f64 {
         if self.subtract { 0.0 } else { 1.0 }
@@ -223,14 +235,7 @@ impl Compositor {
         let augmented = input.show_virtual && something;
         let has_virtual =
             augmented && input.lighting.is_some() && input.world_from_camera.is_some();
-        let by_paper = input.lamp_response == LampResponse::Paper;
-        let mut plan = FramePlan {
-            subtract: input.shadow_mode == ShadowMode::Subtract,
-            lamps_apart: has_virtual && !input.lamps.is_empty() && by_paper,
-            covered: [0; 4],
-            cleared: [0; 4],
-            reprojected: input.reprojection.is_some(),
-        };
+        let mut plan = FramePlan::of(input, has_virtual);
         let lights = match input.lighting {
             Some(lighting) if has_virtual => lighting.lights.as_slice(),
             _ => &[],

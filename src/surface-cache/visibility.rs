@@ -129,7 +129,7 @@ impl LitMap<'_> {
             return extent.normals.is_behind(self.light.direction);
         }
         // A surface that faces a light from somewhere in a box does so from one of its corners.
-        let mut corners = extent.bounds.corners().into_iter();
+        let mut corners = extent.bounds.corners();
         corners.all(|p| {
             extent
                 .normals
