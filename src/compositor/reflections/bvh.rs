@@ -126,6 +126,7 @@ impl Bvh {
 
     #[inline(always)]
     fn traverse<S: Simd>(&self, simd: S, rays: &Rays, hits: &mut Hits) {
+        const { assert!(S::F32_LANES <= LANES, "a packet fills whole registers") };
         let inverse = inverse(simd, rays);
         let mut stack = [(0, 0.0); STACK];
         let mut waiting = 1;

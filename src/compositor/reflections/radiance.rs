@@ -49,13 +49,20 @@ impl PointGrid {
         let cell = (REACH * nearby.spacing).max((high - low).max_element() / CELLS);
         (self.low, self.scale) = (low, 1.0 / cell.max(1e-9));
         self.size = ((high - low) * self.scale).as_uvec3() + 1;
+        // Sorted by counting: this runs between two frames.
         let cells: Vec<usize> = positions().map(|p| self.cell(p)).collect();
-        for cell in 0..self.size.element_product() as usize {
-            self.firsts.push(self.points.len() as u32);
-            let here = cells.iter().zip(0..).filter(|(c, _)| **c == cell);
-            self.points.extend(here.map(|(_, i)| i));
+        let count = self.size.element_product() as usize;
+        self.firsts.resize(count + 1, 0);
+        cells.iter().for_each(|cell| self.firsts[cell + 1] += 1);
+        for cell in 0..count {
+            self.firsts[cell + 1] += self.firsts[cell];
         }
-        self.firsts.push(self.points.len() as u32);
+        let mut next = self.firsts.clone();
+        self.points.resize(cells.len(), 0);
+        for (cell, i) in cells.into_iter().zip(0..) {
+            self.points[next[cell] as usize] = i;
+            next[cell] += 1;
+        }
     }
 
     fn cell(&self, p: Vec3) -> usize {

@@ -47,7 +47,7 @@ pub struct ReflectionTiles<'a> {
 }
 
 impl ReflectionsStage {
-    /// Without a scene; `step` pixels from one point to the next, a power of two of at most 16.
+    /// Without a scene; `step` pixels from one point to the next, 1, 2, 4 or 8.
     pub fn new(device: &wgpu::Device, step: u32) -> Self {
         Self {
             device: device.clone(),
