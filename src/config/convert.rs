@@ -301,10 +301,11 @@ pub(super) fn changed_keys(text: &TomlText) -> std::result::Result<Vec<String>, 
     let given: toml::Table = text.parse()?;
     let mut out = Vec::new();
     for (section, keys) in &given {
-        let Some(keys) = keys.as_table() else {
-            continue;
-        };
-        for (key, value) in keys {
+        if let Some(list) = keys.as_array() {
+            let each = list.iter();
+            out.extend(each.map(|entry| format!("[[{section}]] {}", one_line(entry))));
+        }
+        for (key, value) in keys.as_table().into_iter().flatten() {
             let default = defaults.get(section).and_then(|s| s.get(key));
             if default != Some(value) {
                 let shown = if key == "token" {
@@ -317,6 +318,15 @@ pub(super) fn changed_keys(text: &TomlText) -> std::result::Result<Vec<String>, 
         }
     }
     Ok(out)
+}
+
+/// The keys of a table in one line.
+fn one_line(table: &toml::Value) -> String {
+    let keys = table.as_table().into_iter().flatten();
+    let each: Vec<String> = keys
+        .map(|(key, value)| format!("{key} = {value}"))
+        .collect();
+    each.join(", ")
 }
 
 /// The documented defaults, `config/rig.toml`.

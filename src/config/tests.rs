@@ -175,6 +175,11 @@ fn summary_lists_changed_settings() {
         "{summary}"
     );
     assert!(!summary.to_string().contains("loop"), "{summary}");
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("lamp.toml");
+    std::fs::write(&path, "[[room_light]]\nposition = [0.5, 1.0, 2.0]\n").unwrap();
+    let changed = check_config(&path).unwrap().changed;
+    assert_eq!(changed, ["[[room_light]] position = [0.5, 1.0, 2.0]"]);
 }
 
 #[test]
