@@ -22,7 +22,7 @@ UNPACKED := if [ -f target/packages/env ]; then . target/packages/env; fi;
 # A window needs a display; without one the picture is shown in the browser.
 WINDOW := $(if $(DISPLAY)$(WAYLAND_DISPLAY),,--headless)
 
-.PHONY: help demo demo-temple demo-lamp build test check docs docs-write unit advisories bench bench-table bench-compare gpu-check fidelity calibration soak fuzz fmt packages-demo packages-test toolchain clean install uninstall test-devices
+.PHONY: help demo demo-temple demo-lamp build test check docs docs-write unit advisories bench bench-table bench-compare gpu-check fidelity near-lamps calibration soak fuzz fmt packages-demo packages-test toolchain clean install uninstall test-devices
 
 help: ## This list
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/' | expand -t 14
@@ -78,6 +78,9 @@ gpu-check: build ## Tests, benchmarks, latency and fidelity on this adapter, one
 
 fidelity: build ## Compare pictures with path-traced ground truth; ARGS="--sessions desk.mcap --no-planes"
 	@$(UNPACKED) python3 tests/judge/fidelity.py --penumbra $(PENUMBRA) --truth $(TRUTH) $(ARGS)
+
+near-lamps: build ## What estimated places of lamps change, with wrong descriptions of a rig, too; ARGS="--truth DIR"
+	@$(UNPACKED) python3 tests/judge/near_lamps.py --penumbra $(PENUMBRA) $(ARGS)
 
 calibration: build ## Compare calibration and registration with known references; ARGS="--simulated DIR --only intrinsics"
 	@$(UNPACKED) python3 tests/judge/calibration.py --penumbra $(PENUMBRA) --truth $(TRUTH) $(ARGS)

@@ -31,6 +31,7 @@ from PIL import Image  # noqa: E402
 import bench_compare  # noqa: E402
 import colour  # noqa: E402
 import judge  # noqa: E402
+import near_lamps  # noqa: E402
 import rigs  # noqa: E402
 import tables  # noqa: E402
 
@@ -197,6 +198,41 @@ class Bars(unittest.TestCase):
             self.assertFalse(self.reached(name="desk-lamp", **figures), figures)
 
 
+class NearLamps(Scratch):
+    """Variants of rigs with a wrong description, and the verdict on them."""
+
+    def test_a_worse_figure_is_named(self) -> None:
+        far = {"s_err": 0.02, "dE": 1.0, "dE_object": 2.0, "bad": 1.0}
+        self.assertEqual(near_lamps.row("desk", "as it is", [far, far])[1], [])
+        line, worse = near_lamps.row("desk", "as it is", [far | {"s_err": 0.01, "bad": 1.1}, far])
+        self.assertEqual(worse, ["bad %"])
+        self.assertIn("0.0200 → 0.0100", line)
+
+    def test_phantoms_are_displaced_with_their_poses(self) -> None:
+        folder = self.folder
+        header = "format binary_little_endian 1.0\nelement vertex 2\n" + "".join(f"property float {c}\n" for c in "xyz")
+        points = np.array([[0, 0, 0], [1, 2, 3]], "<f4")
+        (folder / "box.ply").write_bytes(f"ply\n{header}element face 0\nend_header\n".encode() + points.tobytes() + b"faces")
+        pose = {"matrix_row_major": [[1, 0, 0, 1.0], [0, 1, 0, 2.0], [0, 0, 1, 3.0], [0, 0, 0, 1]], "position": [1.0, 2.0, 3.0]}
+        rig = {"phantoms": [{"ply": "box.ply", "pose": pose}]}
+        near_lamps.displace_all(folder, rig)
+        data = (folder / "box.ply").read_bytes()
+        moved = np.frombuffer(data[data.index(b"end_header\n") + 11:][:24], "<f4").reshape(2, 3)
+        self.assertTrue(np.allclose(moved - points, near_lamps.DISPLACED, atol=1e-6))
+        self.assertTrue(data.endswith(b"faces"))
+        self.assertEqual(pose["position"], [row[3] for row in pose["matrix_row_major"][:3]])
+
+    def test_the_darkest_exposure_is_removed(self) -> None:
+        folder = self.folder
+        (folder / "env").mkdir()
+        for picture in ("00000.jpg", "00000_ev-4.jpg", "00000_ev-8.jpg"):
+            (folder / "env" / picture).touch()
+        rig = {"environment_camera": {"brackets_ev": [-4, -8]}}
+        near_lamps.drop_exposure(folder, rig)
+        self.assertEqual(rig["environment_camera"]["brackets_ev"], [-4])
+        self.assertEqual(sorted(p.name for p in (folder / "env").iterdir()), ["00000.jpg", "00000_ev-4.jpg"])
+
+
 class Tables(Scratch):
     def test_only_text_between_the_marks_changes(self) -> None:
         page = self.folder / "page.md"
@@ -207,7 +243,7 @@ class Tables(Scratch):
             tables.write_between(page, "u", "new")
 
     def test_result_pages_have_their_marks(self) -> None:
-        for mark in ("fidelity", "bench", "calibration"):
+        for mark in ("fidelity", "bench", "calibration", "near-lamps"):
             page = (tables.RESULTS / f"{mark}.md").read_text()
             self.assertLess(page.index(f"<!-- {mark}:begin -->"), page.index(f"<!-- {mark}:end -->"))
 
