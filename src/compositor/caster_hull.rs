@@ -1,7 +1,7 @@
 //! The hull of shadow casters, and the fit of shadow maps to it.
 
 use glam::{Mat4, Vec2, Vec3};
-use penumbra_lighting::DomeLight;
+use penumbra_lighting::{DomeLight, LightKind, LightPlace};
 
 /// Extreme points of a set of casters, to which a shadow map is fitted from any direction.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -148,32 +148,34 @@ impl Fit {
 
 /// Fits a shadow map of `map_size` texels a side to `hull` as seen from the direction `to_light`.
 pub fn fit(hull: &CasterHull, to_light: Vec3, map_size: u32) -> Fit {
-    let (right, up) = to_light.any_orthonormal_pair();
-    let (Some(u), Some(v), Some(d)) = (hull.extent(right), hull.extent(up), hull.extent(to_light))
-    else {
+    let light = DomeLight {
+        direction: to_light,
+        irradiance: Vec3::ONE,
+        angular_radius: 0.0,
+        kind: LightKind::Compact,
+        place: LightPlace::FAR,
+    };
+    let found = fit_light(hull, &light, map_size);
+    if found == LightFit::NOWHERE {
         return Fit::NOWHERE;
-    };
-    let widen = |(lo, hi): (f32, f32)| {
-        // A border of two texels keeps filtering at the edge free of casters.
-        let pad = (hi - lo).max(1e-4) * (HULL_MARGIN + 2.0 / map_size as f32);
-        (lo - pad, hi + pad)
-    };
-    let (u, v, d) = (widen(u), widen(v), widen(d));
-    let row =
-        |axis: Vec3, (lo, hi): (f32, f32)| (axis / (hi - lo)).extend(-lo / (hi - lo)).to_array();
-    let towards = row(to_light, d);
-    let away = [-towards[0], -towards[1], -towards[2], 1.0 - towards[3]];
+    }
+    let (right, up) = to_light.any_orthonormal_pair();
+    let row = |axis: Vec3, scale: f32, offset: f32| (axis * scale).extend(offset).to_array();
     Fit {
-        rows: [row(right, u), row(up, v), away],
-        texel: (u.1 - u.0).max(v.1 - v.0) / map_size as f32,
-        depth: d.1 - d.0,
+        rows: [
+            row(right, found.scale.x, found.offset.x),
+            row(up, found.scale.y, found.offset.y),
+            row(-to_light, found.depth_scale, found.depth_offset),
+        ],
+        texel: found.texel,
+        depth: found.depth_scale.recip(),
     }
 }
 
 /// How a shadow map of a light is fitted to its casters: scales and offsets from the light's space
 /// (metres; see `in_light_space` of the shaders) to texture coordinates and depth, and the size of
 /// a texel, metres. All zero without casters.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LightFit {
     pub scale: Vec2,
     pub offset: Vec2,
@@ -182,28 +184,25 @@ pub struct LightFit {
     pub texel: f32,
 }
 
-/// Least w of points that are drawn into a near light's map; see [`in_light_space`].
-const LEAST_W: f32 = 0.1;
-
-/// Coordinates of a point across a light's direction, and away from the light, after the projective
-/// map that moves a near light to infinity (see `depth_map` of the surface cache); `None` behind
-/// the light, or too near to it.
-pub fn in_light_space(light: &DomeLight, [right, up]: [Vec3; 2], point: Vec3) -> Option<Vec3> {
-    let p = point - light.place.reference;
-    let along = p.dot(light.direction);
-    let w = 1.0 - light.place.inverse_distance * along;
-    (w > LEAST_W).then(|| Vec3::new(p.dot(right), p.dot(up), -along) / w)
+impl LightFit {
+    pub const NOWHERE: Self = Self {
+        scale: Vec2::ZERO,
+        offset: Vec2::ZERO,
+        depth_scale: 0.0,
+        depth_offset: 0.0,
+        texel: 0.0,
+    };
 }
 
 /// Fits a shadow map of `map_size` texels a side to `hull` as `light` sees it.
 pub fn fit_light(hull: &CasterHull, light: &DomeLight, map_size: u32) -> LightFit {
     let (right, up) = light.direction.any_orthonormal_pair();
     let points = hull.points.iter();
-    let seen = points.filter_map(|p| in_light_space(light, [right, up], *p));
+    let seen = points.filter_map(|p| light.in_light_space([right, up], *p));
     let nothing = (Vec3::INFINITY, Vec3::NEG_INFINITY);
     let (low, high) = seen.fold(nothing, |(low, high), p| (low.min(p), high.max(p)));
     if low.x > high.x {
-        return LightFit::default();
+        return LightFit::NOWHERE;
     }
     // A border of two texels keeps filtering at the edge free of casters.
     let pad = (high - low).max(Vec3::splat(1e-4)) * (HULL_MARGIN + 2.0 / map_size as f32);

@@ -70,7 +70,7 @@ pub struct Compositor {
     pub(crate) newest_light: NewestLight,
     /// Compact lights that shadowing planes leave to it.
     pub(crate) compact_lights: Vec<DomeLight>,
-    /// The near lights of this frame, where nothing blocks them.
+    /// The near lights of this frame with shadow maps, where nothing blocks them.
     pub(crate) near_lights: Vec<DomeLight>,
     /// Tiles of the picture with shadows on real surfaces, by the surface cache.
     pub(crate) shadow_tiles: Vec<[u32; 4]>,

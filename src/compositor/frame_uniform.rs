@@ -102,8 +102,8 @@ fn near_lights(from: &UniformInputs<'_>) -> ([NearLightUniform; MAX_NEAR_LIGHTS]
     let mut all = [NearLightUniform::default(); MAX_NEAR_LIGHTS];
     let mut count = 0;
     for (to, light) in all.iter_mut().zip(from.near) {
-        let place = light.direction + light.place.reference * light.place.inverse_distance;
-        to.place = place.extend(light.place.inverse_distance).to_array();
+        let towards = light.towards(Vec3::ZERO);
+        to.place = towards.extend(light.place.inverse_distance).to_array();
         to.irradiance = light.irradiance.extend(0.0).to_array();
         count += 1;
     }

@@ -7,7 +7,7 @@
 
 use super::caster_hull::{CasterHull, LightFit, fit_light};
 use super::gpu_data::LightUniform;
-use glam::{Mat4, Vec2, Vec3};
+use glam::{Mat4, Vec3};
 use penumbra_lighting::{DomeLight, LightKind, LightPlace};
 
 /// The state of one shadow map.
@@ -25,13 +25,7 @@ impl Slot {
     const NEVER_DRAWN: Self = Self {
         direction: Vec3::Z,
         place: LightPlace::FAR,
-        fits: [LightFit {
-            scale: Vec2::ZERO,
-            offset: Vec2::ZERO,
-            depth_scale: 0.0,
-            depth_offset: 0.0,
-            texel: 0.0,
-        }; 2],
+        fits: [LightFit::NOWHERE; 2],
         casters: 0,
     };
 }
@@ -57,21 +51,17 @@ impl LightUniform {
         let compact = f32::from(u8::from(light.kind == LightKind::Compact));
         let (right, up) = light.direction.any_orthonormal_pair();
         let place = &light.place;
-        let reference = if place.is_far() {
-            Vec3::ZERO
-        } else {
-            place.reference
-        };
-        let towards = light.direction + reference * place.inverse_distance;
-        let axis = |axis: Vec3| axis.extend(-axis.dot(reference)).to_array();
+        let axis = |axis: Vec3| axis.extend(-axis.dot(place.reference)).to_array();
         Self {
             right: axis(right),
             up: axis(up),
             direction: light.direction.extend(light.angular_radius).to_array(),
             irradiance: light.irradiance.extend(compact).to_array(),
-            place: towards.extend(place.inverse_distance).to_array(),
+            place: (light.towards(Vec3::ZERO))
+                .extend(place.inverse_distance)
+                .to_array(),
             more: [
-                -light.direction.dot(reference),
+                -light.direction.dot(place.reference),
                 0.0,
                 0.0,
                 light.angular_radius.tan(),
@@ -225,7 +215,7 @@ impl ShadowSlots {
 
 #[cfg(test)]
 mod tests {
-    use super::super::caster_hull::{fibonacci_sphere, in_light_space};
+    use super::super::caster_hull::fibonacci_sphere;
     use super::*;
 
     fn cube() -> Vec<[f32; 3]> {
@@ -259,7 +249,9 @@ mod tests {
                 let fit = fit_light(&hull, &light, 256);
                 let at = |p: Vec3| {
                     let (right, up) = d.any_orthonormal_pair();
-                    let p = in_light_space(&light, [right, up], p).expect("before the light");
+                    let p = light
+                        .in_light_space([right, up], p)
+                        .expect("before the light");
                     let at = p.truncate() * fit.scale + fit.offset;
                     at.extend(p.z * fit.depth_scale + fit.depth_offset)
                 };

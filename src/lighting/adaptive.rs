@@ -5,7 +5,7 @@ use super::cells::Cells;
 use super::cube::CubeGrid;
 use super::geodesic::FaceSource;
 use super::light::{DomeLight, LightKind};
-use super::place::{LightPlace, Viewpoints};
+use super::place::{LampDistance, LightPlace, Viewpoints};
 use super::sources::{LUMINANCE, Source};
 use super::tracking::{SourceTracker, above_horizon};
 use glam::{DVec3, Mat3, Vec3};
@@ -32,8 +32,8 @@ pub struct CompactSource {
     pub irradiance: Vec3,
     /// Half angle of a cone with its solid angle, radians.
     pub angular_radius: f32,
-    /// The reciprocal of its distance from the observer, 1/m; 0 if it is far or not known.
-    pub inverse_distance: f32,
+    /// Its distance from the observer.
+    pub distance: LampDistance,
     /// Where it is, world, metres, if it is known to be near.
     pub position: Option<DVec3>,
     /// Share of its light in pixels that every exposure clips, 0..=1: so much is uncertain.
@@ -116,13 +116,12 @@ impl AdaptiveDome {
         self.lights.clone()
     }
 
-    /// Sets the distances of sources from the observer, as reciprocals, 1/m, by their ids; those of
-    /// the other sources stay as they were.
-    pub fn set_distances(&mut self, distances: &[(u32, f32)]) {
+    /// Sets the distances of sources from the observer by their ids; those of the other sources stay
+    /// as they were.
+    pub fn set_distances(&mut self, distances: &[(u32, LampDistance)]) {
         for source in &mut self.tracker.sources {
             let known = distances.iter().find(|(id, _)| *id == source.id);
-            source.inverse_distance =
-                known.map_or(source.inverse_distance, |(_, inverse)| *inverse);
+            source.distance = known.map_or(source.distance, |(_, distance)| *distance);
         }
     }
 
@@ -136,7 +135,7 @@ impl AdaptiveDome {
                 direction: s.direction,
                 irradiance: s.flux,
                 angular_radius: s.radius(),
-                inverse_distance: s.inverse_distance,
+                distance: s.distance,
                 position: None,
                 clipped: s.clipped,
                 lights: s.lights,

@@ -8,7 +8,7 @@ use super::harmonics::{HarmonicsTable, blurred, pin_upward};
 use super::hdr::{Bracket, BracketMerger, scales};
 use super::light::{DomeLight, Harmonics, Lighting};
 use super::memory::RadianceAccumulator;
-use super::place::Viewpoints;
+use super::place::{LampDistance, Viewpoints};
 use super::prefilter::Prefilter;
 use super::probe::LastSphere;
 use super::resample::{GatherTable, Hidden, PixelDirections, inpaint};
@@ -184,9 +184,9 @@ impl EnvironmentEstimator {
         self.reference = reference;
     }
 
-    /// Sets the distances of compact sources from the observer, as reciprocals, 1/m, by their ids
+    /// Sets the distances of compact sources from the observer by their ids
     /// ([`CompactSource::id`]); from the next update on.
-    pub fn set_distances(&mut self, distances: &[(u32, f32)]) {
+    pub fn set_distances(&mut self, distances: &[(u32, LampDistance)]) {
         if let Dome::Adaptive(dome) = &mut self.dome {
             dome.set_distances(distances);
         }

@@ -18,6 +18,7 @@
 
 use super::adaptive::CompactSource;
 use super::light::Harmonics;
+use super::place::LampDistance;
 use super::sources::LUMINANCE;
 use glam::{DVec3, Vec3};
 
@@ -46,15 +47,6 @@ pub struct SeenSurfaces {
 /// Tests whether anything real stands within a share (third argument) of a ray's direction from its
 /// origin (world, metres).
 pub type Blocked<'a> = dyn Fn(DVec3, DVec3, f64) -> bool + 'a;
-
-/// A lamp's distance, as far as a picture tells it.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct LampDistance {
-    /// The reciprocal of the distance from the observer, 1/m; 0 if the lamp may be far.
-    pub inverse: f32,
-    /// Standard deviation of the reciprocal, 1/m.
-    pub sigma: f32,
-}
 
 /// Spacing of the searched reciprocals, 1/m, in the first and in the second step.
 const STEPS: [f32; 2] = [0.2, 0.05];
@@ -125,7 +117,7 @@ impl<'a> DistanceSearch<'a> {
         };
         let by_lamp = lamps
             .iter()
-            .map(|lamp| search.form(lamp, lamp.inverse_distance));
+            .map(|lamp| search.form(lamp, lamp.distance.inverse));
         search.by_lamp = by_lamp.collect();
         search.scale = search.texture_scale();
         search
@@ -150,7 +142,7 @@ impl<'a> DistanceSearch<'a> {
         let low = (around - reach).max(STEPS[1]);
         self.look(lamp, [low, around + reach], STEPS[1], &mut looked);
         let found = judged(&looked, known);
-        self.lamps[lamp].inverse_distance = found.inverse;
+        self.lamps[lamp].distance = found;
         self.by_lamp[lamp] = self.form(&self.lamps[lamp], found.inverse);
         Some(found)
     }
@@ -482,7 +474,7 @@ mod tests {
                     direction: to.normalize().as_vec3(),
                     irradiance: Vec3::splat(*power / to.length_squared() as f32),
                     angular_radius: 0.01,
-                    inverse_distance: 0.0,
+                    distance: LampDistance::FAR,
                     position: None,
                     clipped: 0.0,
                     lights: 1,

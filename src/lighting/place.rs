@@ -73,6 +73,10 @@ impl LightPlace {
 /// a surface receives that touches the lamp.
 pub(super) const LEAST_DISTANCE: f32 = 0.05;
 
+/// Least w of points in [`DomeLight::in_light_space`]: nearer to a near light, or behind it, nothing
+/// casts shadows.
+pub const LEAST_W: f32 = 0.1;
+
 impl DomeLight {
     /// Returns it as if it were infinitely far.
     #[must_use]
@@ -102,6 +106,24 @@ impl DomeLight {
         let v = self.towards(point);
         let square = v.length_squared().max(LEAST_DISTANCE * LEAST_DISTANCE);
         v.dot(n).max(0.0) / (square * square.sqrt())
+    }
+
+    /// Returns the coordinates, metres, of `point` along two unit vectors across the light's
+    /// direction and away from the light, from the reference, after the projective map that moves a
+    /// near light to infinity:
+    ///
+    /// ```text
+    ///   (x, y, h) → (x, y, h) / w,   w = 1 − κ h
+    /// ```
+    ///
+    /// `None` behind a near light, or too near to it to cast a shadow ([`LEAST_W`]).
+    #[must_use]
+    #[inline(always)]
+    pub fn in_light_space(&self, [right, up]: [Vec3; 2], point: Vec3) -> Option<Vec3> {
+        let p = point - self.place.reference;
+        let along = p.dot(self.direction);
+        let w = 1.0 - self.place.inverse_distance * along;
+        (w > LEAST_W).then(|| Vec3::new(p.dot(right), p.dot(up), -along) / w)
     }
 
     /// Returns where it is, world, metres; `None` if it is infinitely far.
@@ -151,6 +173,23 @@ fn sum(a: &DomeLight, b: &DomeLight) -> DomeLight {
         place: a.place.toward(&b.place, share),
         ..*a
     }
+}
+
+/// A lamp's distance from the observer, as far as it is known.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LampDistance {
+    /// The reciprocal of the distance, 1/m; 0 if the lamp may be far.
+    pub inverse: f32,
+    /// Standard deviation of the reciprocal, 1/m.
+    pub sigma: f32,
+}
+
+impl LampDistance {
+    /// Infinitely far, as far as is known.
+    pub const FAR: Self = Self {
+        inverse: 0.0,
+        sigma: f32::INFINITY,
+    };
 }
 
 /// A light as it is seen from one point.

@@ -2,7 +2,7 @@
 
 use super::cube::tangent_frame;
 use super::light::{DomeLight, LightKind};
-use super::place::{Seen, Viewpoints};
+use super::place::{LampDistance, Seen, Viewpoints};
 use super::sources::{LUMINANCE, Source};
 use glam::{Mat3, Vec3};
 use std::f32::consts::PI;
@@ -26,8 +26,8 @@ pub(super) struct TrackedSource {
     pub direction: Vec3,
     pub flux: Vec3,
     pub solid_angle: f32,
-    /// The reciprocal of its distance from the observer, 1/m; 0 if that is not known.
-    pub inverse_distance: f32,
+    /// Its distance from the observer.
+    pub distance: LampDistance,
     /// Share of its light in clipped pixels.
     pub clipped: f32,
     /// Number of dome lights into which it is split; 0 = not planned yet.
@@ -47,7 +47,7 @@ impl TrackedSource {
             direction: source.direction,
             flux: Vec3::ZERO,
             solid_angle: 0.0,
-            inverse_distance: 0.0,
+            distance: LampDistance::FAR,
             clipped: 0.0,
             lights: 0,
             axis: tangent_frame(source.direction).0,
@@ -108,7 +108,7 @@ impl TrackedSource {
         let mut cuts = std::mem::take(&mut self.cuts);
         let axes = (self.axis, self.direction.cross(self.axis));
         let mut next = 0;
-        let inverse_distance = self.inverse_distance;
+        let inverse_distance = self.distance.inverse;
         let leaf_solid_angle = self.solid_angle / self.lights.max(1) as f32;
         cut(
             &mut self.parts.clone(),

@@ -198,12 +198,15 @@ pub(super) fn pose_answer(pose: Option<&sync::PoseAt>) -> PoseAnswer {
 }
 
 fn lamp(source: &CompactSource) -> LampStatus {
+    let near = source
+        .position
+        .map(|at| (at, f64::from(source.distance.inverse)));
     LampStatus {
         direction: source.direction.as_dvec3().to_array(),
-        position: source.position.map(|p| p.to_array()),
-        distance_m: source
-            .position
-            .map(|_| f64::from(source.inverse_distance).recip()),
+        position: near.map(|(at, _)| at.to_array()),
+        distance_m: near.map(|(_, inverse)| inverse.recip()),
+        distance_sigma_m: near
+            .map(|(_, inverse)| f64::from(source.distance.sigma) / (inverse * inverse)),
         clipped: f64::from(source.clipped.clamp(0.0, 1.0)),
     }
 }

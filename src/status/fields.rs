@@ -271,6 +271,10 @@ pub const STATUS_FIELDS: &[(&str, &str)] = &[
         "Its distance from the environment camera, metres; null if it counts as infinitely far.",
     ),
     (
+        "lighting.lamps[].distance_sigma_m",
+        "Standard deviation of that distance, metres; 0 where the place is stated, null likewise.",
+    ),
+    (
         "lighting.lamps[].clipped",
         "Share of its light in pixels that every exposure clips, 0 to 1: so much is an estimate from the depth of real shadows.",
     ),

@@ -407,6 +407,8 @@ pub struct LampStatus {
     pub position: Option<[f64; 3]>,
     /// Its distance from the environment camera, metres; `None` likewise.
     pub distance_m: Option<f64>,
+    /// Standard deviation of that distance, metres; 0 where the place is stated.
+    pub distance_sigma_m: Option<f64>,
     /// Share of its light in pixels that every exposure clips, 0..=1.
     pub clipped: f64,
 }

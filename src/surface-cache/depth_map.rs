@@ -17,23 +17,20 @@ use crate::lanes::{dot, dot_each, gather, whole};
 use crate::layout::Bounds;
 use crate::ranges::Ranges;
 use glam::{Vec2, Vec3};
-use penumbra_lighting::{DomeLight, LightPlace};
+use penumbra_lighting::DomeLight;
+use penumbra_lighting::place::LEAST_W;
 use pulp::Simd;
 
 /// Depth where there is no caster, metres.
 pub const FAR: f32 = f32::INFINITY;
-
-/// Least w of points that are drawn: nearer to a near light, or behind it, nothing casts shadows.
-pub const LEAST_W: f32 = 0.1;
 
 /// A view along a direction, or from a place, fitted to casters.
 #[derive(Clone, Copy, Debug)]
 pub struct View {
     right: Vec3,
     up: Vec3,
-    /// Unit vector to the light, from the reference of its place.
-    to_light: Vec3,
-    place: LightPlace,
+    /// The light.
+    pub light: DomeLight,
     /// Coordinates of the first texel's corner along right and up, metres.
     low: Vec2,
     /// Texels per metre.
@@ -48,18 +45,9 @@ impl View {
         light: &DomeLight,
         size: usize,
     ) -> Option<Self> {
-        let to_light = light.direction;
-        let place = if light.place.is_far() {
-            LightPlace::FAR
-        } else {
-            light.place
-        };
-        let (right, up) = to_light.any_orthonormal_pair();
-        let mut points = points.filter_map(|p| {
-            let p = p - place.reference;
-            let w = 1.0 - place.inverse_distance * p.dot(to_light);
-            (w > LEAST_W).then(|| Vec2::new(p.dot(right), p.dot(up)) / w)
-        });
+        let (right, up) = light.direction.any_orthonormal_pair();
+        let flat = |p| light.in_light_space([right, up], p).map(Vec3::truncate);
+        let mut points = points.filter_map(flat);
         let first = points.next()?;
         let (low, high) = points.fold((first, first), |(lo, hi), p| (lo.min(p), hi.max(p)));
         // A border of two texels keeps filtering at the edge free of casters.
@@ -68,22 +56,19 @@ impl View {
         Some(Self {
             right,
             up,
-            to_light,
-            place,
+            light: *light,
             low: centre - 0.5 * side,
             scale: size as f32 / side,
         })
     }
 
-    /// Texel coordinates of a point, and its distance away from the light, metres; infinite
-    /// coordinates for a point so near to a light, or behind it, that it casts no shadow.
+    /// Texel coordinates of a point, and its distance away from the light, metres; NaN for a point
+    /// that casts no shadow, so near to a light or behind it.
     #[inline(always)]
     pub fn project(&self, p: Vec3) -> (Vec2, f32) {
-        let p = p - self.place.reference;
-        let w = 1.0 - self.place.inverse_distance * p.dot(self.to_light);
-        let w = if w > LEAST_W { w.recip() } else { f32::NAN };
-        let flat = Vec2::new(p.dot(self.right), p.dot(self.up)) * w - self.low;
-        (flat * self.scale, -p.dot(self.to_light) * w)
+        let own = self.light.in_light_space([self.right, self.up], p);
+        let own = own.unwrap_or(Vec3::NAN);
+        ((own.truncate() - self.low) * self.scale, own.z)
     }
 
     /// Length of a texel, metres.
@@ -94,15 +79,14 @@ impl View {
 
     /// Whether the light is near.
     pub fn is_near(&self) -> bool {
-        !self.place.is_far()
+        !self.light.place.is_far()
     }
 
     /// Vectors from points to the light, in units of its distance from the reference.
     #[inline(always)]
     pub fn towards_each<S: Simd>(&self, simd: S, p: [S::f32s; 3]) -> [S::f32s; 3] {
-        let place = &self.place;
-        let fixed = self.to_light + place.reference * place.inverse_distance;
-        let nearness = simd.splat_f32s(place.inverse_distance);
+        let fixed = self.light.towards(Vec3::ZERO);
+        let nearness = simd.splat_f32s(self.light.place.inverse_distance);
         let along = |fixed: f32, p: S::f32s| {
             simd.sub_f32s(simd.splat_f32s(fixed), simd.mul_f32s(nearness, p))
         };
@@ -114,26 +98,24 @@ impl View {
     /// a near light are moved in front of it.
     #[inline(always)]
     pub fn project_each<S: Simd>(&self, simd: S, p: [S::f32s; 3]) -> ([S::f32s; 2], S::f32s) {
-        let scale = simd.splat_f32s(self.scale);
-        let reference = self.place.reference;
-        let mut low = Vec2::new(reference.dot(self.right), reference.dot(self.up));
-        if !self.is_near() {
-            low = self.low;
-        }
-        let mut x = simd.sub_f32s(dot(simd, p, self.right), simd.splat_f32s(low.x));
-        let mut y = simd.sub_f32s(dot(simd, p, self.up), simd.splat_f32s(low.y));
-        let mut away = dot(simd, p, -self.to_light);
+        let (place, to_light) = (&self.light.place, self.light.direction);
+        let along = |axis: Vec3| {
+            let own = dot(simd, p, axis);
+            simd.sub_f32s(own, simd.splat_f32s(axis.dot(place.reference)))
+        };
+        let [mut x, mut y, mut away] = [self.right, self.up, -to_light].map(along);
         if self.is_near() {
-            away = simd.add_f32s(away, simd.splat_f32s(reference.dot(self.to_light)));
             let (one, least) = (simd.splat_f32s(1.0), simd.splat_f32s(LEAST_W));
-            let nearness = simd.splat_f32s(self.place.inverse_distance);
+            let nearness = simd.splat_f32s(place.inverse_distance);
             let w = simd.add_f32s(one, simd.mul_f32s(nearness, away));
             let inverse = simd.div_f32s(one, simd.max_f32s(w, least));
-            x = simd.sub_f32s(simd.mul_f32s(x, inverse), simd.splat_f32s(self.low.x));
-            y = simd.sub_f32s(simd.mul_f32s(y, inverse), simd.splat_f32s(self.low.y));
-            away = simd.mul_f32s(away, inverse);
+            [x, y, away] = [x, y, away].map(|x| simd.mul_f32s(x, inverse));
         }
-        ([simd.mul_f32s(x, scale), simd.mul_f32s(y, scale)], away)
+        let texel = |x, low: f32| {
+            let own = simd.sub_f32s(x, simd.splat_f32s(low));
+            simd.mul_f32s(own, simd.splat_f32s(self.scale))
+        };
+        ([texel(x, self.low.x), texel(y, self.low.y)], away)
     }
 
     /// Changes of distance per texel on surfaces with normals `n` at points from which `towards`
@@ -147,7 +129,7 @@ impl View {
     ) -> [S::f32s; 2] {
         let towards = match towards {
             Some(towards) => dot_each(simd, n, towards),
-            None => dot(simd, n, self.to_light),
+            None => dot(simd, n, self.light.direction),
         };
         let towards = simd.max_f32s(towards, simd.splat_f32s(1e-3));
         [
@@ -174,7 +156,7 @@ impl View {
         let half = 0.5 * (b.high - b.low);
         let (at, away) = self.project(centre);
         let reach = Vec2::new(half.dot(self.right.abs()), half.dot(self.up.abs())) * self.scale;
-        let deep = half.dot(self.to_light.abs());
+        let deep = half.dot(self.light.direction.abs());
         (at - reach, at + reach, away - deep, away + deep)
     }
 
@@ -388,7 +370,7 @@ fn ceil(x: f32) -> i32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use penumbra_lighting::LightKind;
+    use penumbra_lighting::{LightKind, LightPlace};
 
     #[test]
     fn a_rectangle_covers_the_texels_whose_centres_it_holds() {
@@ -422,6 +404,19 @@ mod tests {
         assert_eq!((inner.nearest, inner.farthest), (FAR, FAR));
     }
 
+    fn light_at(inverse_distance: f32) -> DomeLight {
+        DomeLight {
+            direction: Vec3::new(0.3, -0.5, 0.8).normalize(),
+            irradiance: Vec3::ONE,
+            angular_radius: 0.1,
+            kind: LightKind::Cell,
+            place: LightPlace {
+                reference: Vec3::new(0.1, 0.2, -0.1),
+                inverse_distance,
+            },
+        }
+    }
+
     #[test]
     fn views_hold_all_points_and_slopes_follow_planes() {
         let points: Vec<Vec3> = (0..50)
@@ -434,16 +429,7 @@ mod tests {
             })
             .collect();
         for inverse_distance in [0.0, 0.3] {
-            let light = DomeLight {
-                direction: Vec3::new(0.3, -0.5, 0.8).normalize(),
-                irradiance: Vec3::ONE,
-                angular_radius: 0.1,
-                kind: LightKind::Cell,
-                place: LightPlace {
-                    reference: Vec3::new(0.1, 0.2, -0.1),
-                    inverse_distance,
-                },
-            };
+            let light = light_at(inverse_distance);
             let view = View::fitted(points.iter().copied(), &light, 128).expect("points");
             for p in &points {
                 let (at, _) = view.project(*p);
@@ -464,16 +450,7 @@ mod tests {
 
     #[test]
     fn all_points_in_line_with_a_near_light_are_in_one_texel() {
-        let light = DomeLight {
-            direction: Vec3::new(0.3, -0.5, 0.8).normalize(),
-            irradiance: Vec3::ONE,
-            angular_radius: 0.1,
-            kind: LightKind::Cell,
-            place: LightPlace {
-                reference: Vec3::new(0.1, 0.2, -0.1),
-                inverse_distance: 1.5,
-            },
-        };
+        let light = light_at(1.5);
         let lamp = light.position().expect("near");
         let points = [Vec3::ZERO, Vec3::new(0.2, 0.1, 0.0)];
         let view = View::fitted(points.into_iter(), &light, 128).expect("points");

@@ -109,7 +109,6 @@ impl PagesView<'_> {
             let lit = map.map(|(map, view)| LitMap {
                 map,
                 view,
-                light: *light,
                 spread: light.angular_radius.tan(),
                 disc: &self.discs[usize::from(is_compact)],
             });

@@ -394,7 +394,6 @@ fn registers_of_any_width_give_the_same() {
     let lit = LitMap {
         map,
         view: map_view,
-        light,
         spread: light.angular_radius.tan(),
         disc: &discs[0],
     };

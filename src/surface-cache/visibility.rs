@@ -9,7 +9,6 @@ use crate::receivers::Extent;
 use crate::sampling::{Receiving, steepness};
 use crate::texels::PageTexels;
 use glam::{Vec2, Vec3};
-use penumbra_lighting::DomeLight;
 use pulp::Simd;
 
 /// A light with the map of its casters.
@@ -18,8 +17,6 @@ pub struct LitMap<'a> {
     pub map: &'a DepthMap,
     /// Its view.
     pub view: View,
-    /// The light.
-    pub light: DomeLight,
     /// Tangent of the light's angular radius.
     pub spread: f32,
     /// Points of a disc.
@@ -119,21 +116,21 @@ impl LitMap<'_> {
     /// Whether a surface faces the light.
     #[inline(always)]
     fn is_before(&self, point: Vec3, n: Vec3) -> bool {
-        n.dot(self.light.towards(point)) > 0.0
+        n.dot(self.view.light.towards(point)) > 0.0
     }
 
     /// Whether no texel of a page faces the light.
     #[inline(always)]
     fn is_behind(&self, extent: &Extent) -> bool {
         if !self.view.is_near() {
-            return extent.normals.is_behind(self.light.direction);
+            return extent.normals.is_behind(self.view.light.direction);
         }
         // A surface that faces a light from somewhere in a box does so from one of its corners.
         let mut corners = extent.bounds.corners();
         corners.all(|p| {
             extent
                 .normals
-                .is_behind(self.light.towards(p).normalize_or_zero())
+                .is_behind(self.view.light.towards(p).normalize_or_zero())
         })
     }
 
@@ -254,7 +251,7 @@ impl LitMap<'_> {
                     let length = simd.sqrt_f32s(dot_each(simd, v, v));
                     simd.div_f32s(dot_each(simd, n, v), length)
                 }
-                None => dot(simd, n, self.light.direction),
+                None => dot(simd, n, self.view.light.direction),
             };
             let one = simd.splat_f32s(1.0);
             let rest = simd.sub_f32s(one, simd.mul_f32s(cosine, cosine));

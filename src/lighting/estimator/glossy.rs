@@ -39,7 +39,7 @@ impl EnvironmentEstimator {
                 irradiance: s.irradiance,
                 angular_radius: s.angular_radius,
             };
-            let (seen, place) = views.moved(seen, s.inverse_distance);
+            let (seen, place) = views.moved(seen, s.distance.inverse);
             (seen.direction, place)
         };
         let places: Vec<(Vec3, LightPlace)> = sources.iter().map(moved).collect();
@@ -52,7 +52,7 @@ impl EnvironmentEstimator {
         for (i, d) in self.grid.directions.iter().enumerate() {
             let along = |s: &CompactSource| s.direction.dot(*d);
             let nearest = sources.iter().max_by(|a, b| along(a).total_cmp(&along(b)));
-            if nearest.is_none_or(|s| s.inverse_distance == 0.0) {
+            if nearest.is_none_or(|s| s.distance.inverse == 0.0) {
                 out[i] += Vec3::from(excess[i]);
             }
             for (source, (direction, place)) in sources.iter().zip(&places) {

@@ -43,8 +43,8 @@ impl EnvironmentEstimator {
         };
         let mut sources = dome.sources();
         if let Some(observer) = self.observer() {
-            for source in sources.iter_mut().filter(|s| s.inverse_distance > 0.0) {
-                let to = source.direction.as_dvec3() / f64::from(source.inverse_distance);
+            for source in sources.iter_mut().filter(|s| s.distance.inverse > 0.0) {
+                let to = source.direction.as_dvec3() / f64::from(source.distance.inverse);
                 source.position = Some(observer + to);
             }
         }

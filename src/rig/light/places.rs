@@ -7,6 +7,7 @@ use penumbra_config::{EnvironmentConfig, LightPlaces};
 use penumbra_interface::RigidTransform;
 use penumbra_lighting::adaptive::CompactSource;
 use penumbra_lighting::lamp_distance::{DistanceSearch, SeenSurfaces, SurfacePoint};
+use penumbra_lighting::place::LampDistance;
 use penumbra_lighting::sources::LUMINANCE;
 use penumbra_lighting::{EnvironmentEstimator, Lighting};
 use penumbra_rig_model::RigCalibration;
@@ -26,11 +27,11 @@ const INTERVAL: u32 = 6;
 const SEARCH_AGAIN: u32 = 5;
 /// Number of lamps whose distances are searched, the strongest.
 const LAMPS: usize = 4;
-/// Share of a new estimate in the distance of a lamp that is followed.
+/// Share of a new estimate in the distance and the energy of a lamp that is followed.
 const SHARE: f32 = 0.3;
 /// Share of a lamp's light in clipped pixels from which its energy is estimated.
 const CLIPPED: f32 = 0.2;
-/// Rounds over all clipped lamps, at first.
+/// Rounds over all clipped lamps when one of them is new.
 const ROUNDS: usize = 3;
 /// Factor on a lamp's light that makes the light another.
 const MUCH: f32 = 1.2;
@@ -44,8 +45,7 @@ struct Known {
     id: u32,
     /// Unit vector from the observer.
     direction: Vec3,
-    /// The reciprocal of its distance from the observer, 1/m; 0 if it may be far.
-    inverse_distance: f32,
+    distance: LampDistance,
     /// Factor on its clipped pixels, RGB.
     factor: Vec3,
 }
@@ -114,7 +114,7 @@ impl LampPlaces {
         let mut gained = self.place_stated(&sources, observer);
         gained |= self.estimate(scene, lighting, (&sources, observer));
         let known = self.known.iter();
-        let distances: Vec<(u32, f32)> = known.map(|k| (k.id, k.inverse_distance)).collect();
+        let distances: Vec<_> = known.map(|k| (k.id, k.distance)).collect();
         estimator.set_distances(&distances);
         estimator.set_clipped_factors(self.known.iter().map(|k| (k.direction, k.factor)));
         gained
@@ -134,8 +134,8 @@ impl LampPlaces {
         let mut gained = false;
         for source in sources {
             let stated = self.stated_distance(source, observer);
-            if let Some(inverse) = stated.filter(|_| self.known(source.id).is_none()) {
-                self.note(source, inverse, Vec3::ONE);
+            if let Some(distance) = stated.filter(|_| self.known(source.id).is_none()) {
+                self.note(source, distance, Vec3::ONE);
                 gained = true;
             }
         }
@@ -146,11 +146,11 @@ impl LampPlaces {
         self.known.iter().find(|k| k.id == id)
     }
 
-    fn note(&mut self, source: &CompactSource, inverse_distance: f32, factor: Vec3) {
+    fn note(&mut self, source: &CompactSource, distance: LampDistance, factor: Vec3) {
         let now = Known {
             id: source.id,
             direction: source.direction,
-            inverse_distance,
+            distance,
             factor,
         };
         match self.known.iter_mut().find(|k| k.id == source.id) {
@@ -159,8 +159,8 @@ impl LampPlaces {
         }
     }
 
-    /// The reciprocal of the distance of a stated light in the direction of a source.
-    fn stated_distance(&self, source: &CompactSource, observer: DVec3) -> Option<f32> {
+    /// The distance of a stated light in the direction of a source.
+    fn stated_distance(&self, source: &CompactSource, observer: DVec3) -> Option<LampDistance> {
         let towards = |at: &DVec3| (*at - observer).as_vec3();
         let angle = |at: &DVec3| towards(at).angle_between(source.direction);
         let nearest = self
@@ -168,7 +168,10 @@ impl LampPlaces {
             .iter()
             .min_by(|a, b| angle(a).total_cmp(&angle(b)))?;
         let is_same = angle(nearest) < source.angular_radius + STATED_WITHIN;
-        is_same.then(|| towards(nearest).length().max(0.05).recip())
+        is_same.then(|| LampDistance {
+            inverse: towards(nearest).length().max(0.05).recip(),
+            sigma: 0.0,
+        })
     }
 
     /// Whether lamps that were far are searched again in this look.
@@ -205,7 +208,7 @@ impl LampPlaces {
         self.see(scene, pose);
         let mut lamps = sources.to_vec();
         for lamp in &mut lamps {
-            lamp.inverse_distance = self.known(lamp.id).map_or(0.0, |k| k.inverse_distance);
+            lamp.distance = (self.known(lamp.id)).map_or(LampDistance::FAR, |k| k.distance);
         }
         let rays = Arc::clone(&self.rays);
         let surfaces = std::mem::take(&mut self.surfaces);
@@ -214,66 +217,50 @@ impl LampPlaces {
         let mut search =
             DistanceSearch::new(&surfaces, &lamps, &lighting.irradiance, observer, &blocked);
         let mut gained = false;
+        let mut any_new_clipped = false;
         for (k, lamp) in lamps.iter().enumerate().take(LAMPS) {
             let before = self.known(lamp.id).copied();
-            let known = before.map_or(0.0, |k| k.inverse_distance);
-            let inverse = if self.is_stated(lamp, observer) {
-                known
+            any_new_clipped |= before.is_none() && lamp.clipped > CLIPPED;
+            let known = before.map_or(LampDistance::FAR, |k| k.distance);
+            let was_far = known.inverse == 0.0;
+            let rests = before.is_some() && was_far && !self.is_late();
+            let found = if rests || self.is_stated(lamp, observer) {
+                None
             } else {
-                let again = before.is_some_and(|k| k.inverse_distance == 0.0) && !self.is_late();
-                let near = (known > 0.0).then_some(known);
-                let found = if again { None } else { search.find(k, near) };
-                found.map_or(known, |found| found.inverse)
+                search.find(k, (!was_far).then_some(known.inverse))
             };
-            gained |= known == 0.0 && inverse > 0.0;
-            let is_followed = known > 0.0 && inverse > 0.0;
-            let share = if is_followed { SHARE } else { 1.0 };
-            self.note(
-                lamp,
-                known + (inverse - known) * share,
-                before.map_or(Vec3::ONE, |k| k.factor),
-            );
+            let mut now = found.unwrap_or(known);
+            gained |= was_far && now.inverse > 0.0;
+            if !was_far && now.inverse > 0.0 {
+                now.inverse = known.inverse + (now.inverse - known.inverse) * SHARE;
+            }
+            self.note(lamp, now, before.map_or(Vec3::ONE, |k| k.factor));
         }
-        gained |= self.estimate_factors(&mut search, &lamps);
+        gained |= self.estimate_factors(&mut search, &lamps, any_new_clipped);
         self.surfaces = surfaces;
         gained
     }
 
-    /// Estimates the factors on clipped lamps; true if one has changed much.
+    /// Estimates the factors on clipped lamps, `anew` if one of them was not known, else as a small
+    /// step; true if one has changed much.
     fn estimate_factors(
         &mut self,
         search: &mut DistanceSearch<'_>,
         lamps: &[CompactSource],
+        anew: bool,
     ) -> bool {
-        let clipped = |lamp: &CompactSource| lamp.clipped > CLIPPED;
-        let mut gained = false;
         // One lamp's light changes what the shadows of the others tell.
-        let is_known =
-            |lamp: &&CompactSource| self.known(lamp.id).is_some_and(|k| k.factor != Vec3::ONE);
-        let all_known = lamps
-            .iter()
-            .take(LAMPS)
-            .filter(|l| clipped(l))
-            .all(|l| is_known(&l));
-        let rounds = if all_known { 1 } else { ROUNDS };
+        let (rounds, share) = if anew { (ROUNDS, 1.0) } else { (1, SHARE) };
+        let mut gained = false;
         for _ in 0..rounds {
-            for (k, lamp) in lamps
-                .iter()
-                .enumerate()
-                .take(LAMPS)
-                .filter(|(_, l)| clipped(l))
-            {
-                let known = self.known(lamp.id).copied();
-                let before = known.map_or(Vec3::ONE, |k| k.factor);
-                let found = search.find_factor(k, before, rounds == ROUNDS);
-                let share = if rounds == ROUNDS { 1.0 } else { SHARE };
-                let factor = found.powf(share);
+            let clipped = lamps.iter().enumerate().take(LAMPS);
+            for (k, lamp) in clipped.filter(|(_, lamp)| lamp.clipped > CLIPPED) {
+                let Some(known) = self.known(lamp.id).copied() else {
+                    continue;
+                };
+                let factor = search.find_factor(k, known.factor, anew).powf(share);
                 gained |= factor.max_element() > MUCH || factor.min_element() < MUCH.recip();
-                self.note(
-                    lamp,
-                    known.map_or(0.0, |k| k.inverse_distance),
-                    before * factor,
-                );
+                self.note(lamp, known.distance, known.factor * factor);
             }
         }
         gained

@@ -139,7 +139,7 @@ let shownRevision = 0;
 let shownAt = -Infinity;
 
 function distances(lamps) {
-  const each = lamps.map((lamp) => (lamp.distance_m === null ? 'far' : `${lamp.distance_m.toFixed(2)} m`));
+  const each = lamps.map((lamp) => (lamp.distance_m === null ? 'far' : `${lamp.distance_m.toFixed(2)} ± ${lamp.distance_sigma_m.toFixed(2)} m`));
   return each.join(', ') || '–';
 }
 
