@@ -181,7 +181,7 @@ fn golden_a_red_box_tints_the_table() {
     let plain = stage.compose();
     let virtual_casters = casters(&stage.scene);
     let mut near = IndirectLightSolver::new(&stage.scene, &virtual_casters).unwrap();
-    near.settle(&light, &[]);
+    near.settle(&light, &[], &[]);
     stage.near = Some(near.light().clone());
     let tinted = stage.compose();
     // In front of the box's lit side: redder, and not darker.

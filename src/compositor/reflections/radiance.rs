@@ -204,7 +204,7 @@ impl<'a> NearbyLight<'a> {
         self.lighting.ground_radiance * self.ground_share(p)
     }
 
-    fn ground_share(&self, p: Vec3) -> f32 {
+    fn ground_share(&self, p: Vec3) -> Vec3 {
         let share = self.indirect.and_then(|light| {
             let at = (p - light.low).truncate() / (light.high - light.low).truncate();
             if at.min_element() < 0.0 || at.max_element() >= 1.0 {
@@ -214,7 +214,7 @@ impl<'a> NearbyLight<'a> {
             let cell = (cell.y * GROUND_SIDE + cell.x) as usize;
             light.nearby.ground.get(cell).copied()
         });
-        share.unwrap_or(1.0)
+        share.unwrap_or(Vec3::ONE)
     }
 
     /// Radiance from far away, blurred by a lobe of about `width`.

@@ -8,7 +8,9 @@
 use glam::{DMat4, DVec3};
 use penumbra_interface::threads;
 use penumbra_lighting::Lighting;
-use penumbra_scene::{IndirectLight, IndirectLightSolver, Part, PhantomRadiance, Scene};
+use penumbra_scene::{
+    IndirectLight, IndirectLightSolver, Part, PhantomRadiance, PlacedLamp, Scene,
+};
 use std::thread::JoinHandle;
 
 /// Time between two solutions, seconds.
@@ -21,6 +23,10 @@ const FAR_ENOUGH: f64 = 0.02;
 /// Indirect light, updated as parts move; see the module.
 pub(crate) struct IndirectLightUpdater {
     solver: Option<IndirectLightSolver>,
+    /// The virtual lights of the scene and what carries them.
+    lights: Scene,
+    /// Their state at the last update.
+    lamps: Vec<PlacedLamp>,
     /// The scene and its casters, if parts of it move.
     moving: Option<Moving>,
     next: Option<Next>,
@@ -47,6 +53,12 @@ impl IndirectLightUpdater {
     pub fn new(scene: &Scene, casters: &[Part]) -> Self {
         Self {
             solver: IndirectLightSolver::new(scene, casters),
+            lights: Scene {
+                lamps: scene.lamps.clone(),
+                motions: scene.motions.clone(),
+                ..Scene::default()
+            },
+            lamps: Vec::new(),
             moving: Moving::new(scene, casters),
             next: None,
         }
@@ -67,16 +79,17 @@ impl IndirectLightUpdater {
         if !solver.is_outdated(lighting) {
             return;
         }
+        self.lights.lamps_at(seconds, &mut self.lamps);
         // Time starts again with each loop of a recording.
         let due = |next: &mut Next| !(0.0..PERIOD).contains(&(seconds - next.begun));
         if let Some(next) = self.next.take_if(due)
             && let Ok(Some(mut found)) = next.finding.join()
         {
             found.follow(solver);
-            found.settle(lighting, phantoms);
+            found.settle(lighting, phantoms, &self.lamps);
             *solver = found;
         }
-        solver.update(lighting, phantoms);
+        solver.update(lighting, phantoms, &self.lamps);
         if self.next.is_none()
             && let Some(moving) = &mut self.moving
         {

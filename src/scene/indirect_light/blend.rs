@@ -81,9 +81,7 @@ fn blend_nearby(from: &NearbyRadiance, to: &NearbyRadiance, weight: f32, out: &m
     out.phantoms.clear();
     out.phantoms
         .extend(sides.map(|(a, b)| std::array::from_fn(|side| a[side].lerp(b[side], weight))));
-    let shares = from.ground.iter().zip(&to.ground);
-    out.ground.clear();
-    out.ground.extend(shares.map(|(a, b)| a + (b - a) * weight));
+    blend_values(&from.ground, &to.ground, weight, &mut out.ground);
 }
 
 fn blend_values(from: &[Vec3], to: &[Vec3], weight: f32, out: &mut Vec<Vec3>) {
@@ -111,7 +109,7 @@ mod tests {
             on_virtual: SurfaceIrradiance::default(),
             nearby: NearbyRadiance {
                 phantoms: vec![[Vec3::splat(value); 6]],
-                ground: vec![value],
+                ground: vec![Vec3::splat(value)],
                 ..NearbyRadiance::default()
             },
         })
@@ -128,7 +126,7 @@ mod tests {
         let blend = blender.blend(&from, &to, 0.25);
         assert_eq!(blend.change.ground, vec![Vec3::splat(1.5); 4]);
         assert_eq!(blend.real_now.volume[5], vec![Vec3::splat(6.5); 3]);
-        assert_eq!(blend.nearby.ground, vec![1.5]);
+        assert_eq!(blend.nearby.ground, vec![Vec3::splat(1.5)]);
         assert_eq!(blender.blend(&from, &to, 0.0).generation, 1);
         assert_eq!(blender.blend(&from, &to, 1.0).generation, 2);
         let (address, generation) = (Arc::as_ptr(&blend), blend.generation);

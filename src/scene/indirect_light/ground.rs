@@ -1,22 +1,29 @@
 //! Irradiance of indirect light on the ground.
 
 use super::directions::Directions;
+use super::lamplight::Lamplight;
 use super::obstacles::{FirstHit, Obstacles};
 use super::region::Region;
 use super::result::{GROUND_SIDE, IndirectLight};
 use super::sampling::cosine_direction;
 use super::shares::{DistantLight, GroundShares, SideShares};
 use super::surfels::{ReflectingPoint, Surfels};
+use crate::lamps::PlacedLamp;
 use glam::{Vec2, Vec3};
 use std::f32::consts::{PI, TAU};
 
 /// Number of rays from each ground texel that gather indirect light.
 const GATHERED: usize = 48;
+/// Texels along a side of the squares on which the light of virtual lights is found once: it only
+/// counts for what the ground reflects.
+const LAMP_SQUARE: u32 = 2;
 
 /// A grid of texels on the ground around the objects.
 pub(super) struct GroundGrid {
     texels: Vec<Texel>,
     pub shares: GroundShares,
+    /// At the centres of squares of texels.
+    lamplight: Lamplight,
     side: u32,
 }
 
@@ -52,22 +59,38 @@ impl GroundGrid {
                 texel(point, i, obstacles, surfels, directions, region)
             })
             .collect();
+        let squares = side / LAMP_SQUARE;
+        let centres = (0..squares * squares).map(|i| {
+            let at = Vec2::new((i % squares) as f32, (i / squares) as f32) + 0.5;
+            let point = region.low.truncate() + at / squares as f32 * size;
+            (point.extend(region.floor), Vec3::Z)
+        });
         Self {
-            shares: GroundShares(vec![1.0; texels.len()]),
+            shares: GroundShares(vec![Vec3::ONE; texels.len()]),
             texels,
+            lamplight: Lamplight::new(centres, region.offset()),
             side,
         }
     }
 
-    /// Computes the shares under a new state of the dome.
-    pub fn update(&mut self, directions: &Directions) {
-        for (texel, share) in self.texels.iter().zip(&mut self.shares.0) {
+    /// Computes the shares under a new state of the dome and of the virtual lights.
+    pub fn update(&mut self, directions: &Directions, lamps: &[PlacedLamp], obstacles: &Obstacles) {
+        self.lamplight.update(lamps, obstacles);
+        let open = directions.irradiance(Vec3::Z, u128::MAX);
+        let is_lit = open.min_element() > 1e-6;
+        let per_irradiance = if is_lit { open.recip() } else { Vec3::ZERO };
+        let squares = self.side / LAMP_SQUARE;
+        for (i, (texel, share)) in self.texels.iter().zip(&mut self.shares.0).enumerate() {
             let all = directions
                 .irradiance(Vec3::Z, !texel.behind_real)
                 .element_sum();
             let lost = texel.behind_virtual & !texel.behind_real;
             let lost = directions.irradiance(Vec3::Z, lost).element_sum();
-            *share = if all > 0.0 { 1.0 - lost / all } else { 1.0 };
+            let left = if all > 0.0 { 1.0 - lost / all } else { 1.0 };
+            let (x, y) = (i as u32 % self.side, i as u32 / self.side);
+            let square = y / LAMP_SQUARE * squares + x / LAMP_SQUARE;
+            let lamps = self.lamplight.at(square as usize) * per_irradiance;
+            *share = Vec3::splat(left) + lamps;
         }
     }
 

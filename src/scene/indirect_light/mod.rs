@@ -1,5 +1,6 @@
 //! Indirect light: light that virtual objects reflect onto the real scene and onto each other,
-//! and light of the ground and of phantoms that virtual objects block.
+//! light of the ground and of phantoms that virtual objects block, and light of virtual lights that
+//! real surfaces pass on.
 //!
 //! Visibility between surfaces is found once, by ray casting: it does not depend on the light. For
 //! every new state of the light the surfels' radiosity follows by sums over these lists
@@ -11,6 +12,7 @@
 mod blend;
 mod directions;
 mod ground;
+mod lamplight;
 mod obstacles;
 mod receivers;
 mod region;
@@ -31,6 +33,7 @@ pub use result::{
 };
 pub use surface_grid::{GRID_SIDE, SurfaceGrid, SurfaceIrradiance};
 
+use crate::lamps::PlacedLamp;
 use crate::mesh::Part;
 use crate::scene::Scene;
 use directions::Directions;
@@ -66,16 +69,18 @@ pub struct IndirectLightSolver {
 
 impl IndirectLightSolver {
     /// Casts all rays. `casters` are the scene's virtual parts as they cast shadows. `None` without
-    /// virtual parts.
+    /// virtual parts, unless virtual lights light phantoms.
     #[must_use]
     pub fn new(scene: &Scene, casters: &[Part]) -> Option<Self> {
-        let region = Region::around(casters, scene.ground_height)?;
+        let lit = !scene.lamps.is_empty();
+        let phantoms: Vec<Part> = solid_phantoms(scene).cloned().collect();
+        let lit_phantoms = phantoms.iter().filter(|_| lit);
+        let region = Region::around(casters, lit_phantoms, scene.ground_height)?;
         let obstacles = Obstacles::new(scene, casters);
         let directions = Directions::new();
         let moves = !scene.motions.parts.is_empty();
         let surfels = Surfels::new(casters, &obstacles, &directions, &region, moves);
-        let phantoms: Vec<Part> = solid_phantoms(scene).cloned().collect();
-        let sides = Sides::new(&phantoms, &surfels, &obstacles, &directions, &region);
+        let sides = Sides::new(&phantoms, lit, &surfels, &obstacles, &directions, &region);
         let ground = GroundGrid::new(&obstacles, &surfels, &directions, &region);
         let volume = Volume::new(&obstacles, &surfels, &directions, &region);
         // Where something moves, a new solver is made every half second, and frames wait for it: too
@@ -118,16 +123,26 @@ impl IndirectLightSolver {
 
     /// Computes the indirect light under `lighting` with all bounces at once, for a solver that
     /// replaces another while frames are shown.
-    pub fn settle(&mut self, lighting: &Lighting, phantoms: &PhantomRadiance) {
+    pub fn settle(
+        &mut self,
+        lighting: &Lighting,
+        phantoms: &PhantomRadiance,
+        lamps: &[PlacedLamp],
+    ) {
         for _ in 0..BOUNCES {
             self.lit_by = None;
-            self.update(lighting, phantoms);
+            self.update(lighting, phantoms, lamps);
         }
     }
 
-    /// Computes the indirect light under `lighting`, with one more bounce. Does nothing if it is up to
-    /// date.
-    pub fn update(&mut self, lighting: &Lighting, phantoms: &PhantomRadiance) {
+    /// Computes the indirect light under `lighting` and the virtual lights `lamps`, with one more
+    /// bounce. Does nothing if it is up to date.
+    pub fn update(
+        &mut self,
+        lighting: &Lighting,
+        phantoms: &PhantomRadiance,
+        lamps: &[PlacedLamp],
+    ) {
         if !self.is_outdated(lighting) {
             return;
         }
@@ -144,7 +159,9 @@ impl IndirectLightSolver {
             floor,
             phantoms,
         };
-        self.ground.update(&self.directions);
+        self.ground.update(&self.directions, lamps, &self.obstacles);
+        self.sides.light_up(lamps, &self.obstacles);
+        self.surfels.light_up(lamps, &self.obstacles);
         let shares = &self.ground.shares;
         self.sides
             .update(&self.surfels, shares, &self.directions, &light);
@@ -192,143 +209,4 @@ impl IndirectLightSolver {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::casters::casters;
-    use crate::mesh::Material;
-    use crate::primitives;
-    use glam::DMat4;
-    use penumbra_interface::MonotonicTime;
-    use penumbra_lighting::{CubeMap, Harmonics, Lighting};
-    use std::sync::Arc;
-
-    fn solver(size: f32) -> IndirectLightSolver {
-        let part = Part {
-            name: "box".into(),
-            mesh: Arc::new(primitives::cuboid(Vec3::splat(size))),
-            material: Arc::new(Material::default()),
-            world_from_part: DMat4::IDENTITY,
-            mirror: false,
-            albedo: None,
-        };
-        let scene = Scene {
-            virtual_parts: vec![part],
-            ground_height: Some(0.0),
-            ..Scene::default()
-        };
-        IndirectLightSolver::new(&scene, &casters(&scene)).unwrap()
-    }
-
-    fn lighting(generation: u64) -> Lighting {
-        Lighting {
-            captured_at: MonotonicTime::from_nanos(0),
-            generation,
-            radiance: Arc::new(CubeMap {
-                size: 1,
-                levels: vec![vec![[1.0; 3]; 6]],
-                ..CubeMap::default()
-            }),
-            irradiance: Harmonics::default(),
-            lights: Vec::new(),
-            ground_radiance: Vec3::ZERO,
-            faces: None,
-        }
-    }
-
-    #[test]
-    fn changed_scene_has_a_new_generation_under_the_same_lighting() {
-        let none: &PhantomRadiance = &[];
-        let mut before = solver(0.1);
-        before.update(&lighting(5), none);
-        before.update(&lighting(5), none);
-        assert_eq!(before.light().generation, 1);
-        before.update(&lighting(6), none);
-        assert_eq!(before.light().generation, 2);
-        let mut after = solver(0.2);
-        after.follow(&before);
-        after.update(&lighting(6), none);
-        assert_eq!(after.light().generation, 3);
-        assert!(after.light().high.x > before.light().high.x);
-    }
-
-    fn part_of(mesh: crate::mesh::Mesh, grey: f32, emissive: f32, place: DMat4) -> Part {
-        let material = Material {
-            base_colour: Vec3::splat(grey).extend(1.0),
-            metallic: 0.0,
-            specular: 0.0,
-            emissive: Vec3::splat(emissive),
-            ..Material::default()
-        };
-        Part {
-            name: "part".into(),
-            mesh: Arc::new(mesh),
-            material: Arc::new(material),
-            world_from_part: place,
-            mirror: false,
-            albedo: None,
-        }
-    }
-
-    /// Light on virtual surfaces without a ground and in the dark, after `bounces`.
-    fn on_virtual(parts: Vec<Part>, bounces: u64) -> SurfaceIrradiance {
-        let scene = Scene {
-            virtual_parts: parts,
-            ..Scene::default()
-        };
-        let mut solver = IndirectLightSolver::new(&scene, &scene.virtual_parts).unwrap();
-        for generation in 1..=bounces {
-            solver.update(&lighting(generation), &[]);
-        }
-        solver.light().on_virtual.clone()
-    }
-
-    #[test]
-    fn parallel_squares_exchange_their_form_factor() {
-        let faces_down = DMat4::from_rotation_x(std::f64::consts::PI);
-        let upper = DMat4::from_translation(glam::DVec3::Z) * faces_down;
-        let light = on_virtual(
-            vec![
-                part_of(primitives::plane(1.0, 1.0), 0.0, 0.0, DMat4::IDENTITY),
-                part_of(primitives::plane(1.0, 1.0), 0.0, 1.0, upper),
-            ],
-            1,
-        );
-        let at = |k: usize| Vec3::new((k % 10) as f32 - 4.5, (k / 10) as f32 - 4.5, 0.0) * 0.1;
-        let mean = (0..100).map(|k| light.on(at(k), Vec3::Z).x).sum::<f32>() / 100.0;
-        // Unit squares at distance 1 (Howell, configuration C-11).
-        let expected = 0.199_82 * std::f32::consts::PI;
-        assert!((mean / expected - 1.0).abs() < 0.03, "{mean} {expected}");
-    }
-
-    #[test]
-    fn closed_cavity_neither_gains_nor_loses_energy() {
-        let mut cavity = primitives::cuboid(Vec3::ONE);
-        cavity
-            .indices
-            .chunks_exact_mut(3)
-            .for_each(|t| t.swap(1, 2));
-        for vertex in &mut cavity.vertices {
-            vertex.normal = -vertex.normal;
-        }
-        // Emission 1 - albedo makes the radiance 1 everywhere.
-        let light = on_virtual(vec![part_of(cavity, 0.5, 0.5, DMat4::IDENTITY)], 16);
-        let places = [
-            (Vec3::new(0.1, 0.2, 0.0), Vec3::Z),
-            (Vec3::new(0.45, -0.3, 1.0), Vec3::NEG_Z),
-            (Vec3::new(0.5, 0.0, 0.5), Vec3::NEG_X),
-        ];
-        for (p, n) in places {
-            let found = light.on(p, n);
-            assert!((found.x - std::f32::consts::PI).abs() < 0.03, "{found}");
-            assert!(found.w > 0.99, "{found}");
-        }
-    }
-
-    #[test]
-    fn convex_object_gives_itself_no_light() {
-        let ball = primitives::sphere(0.1, 24, 16);
-        let light = on_virtual(vec![part_of(ball, 0.8, 1.0, DMat4::IDENTITY)], 3);
-        assert!(light.values.iter().all(|value| *value == Vec3::ZERO));
-        assert!(light.on(Vec3::Z * 0.1, Vec3::Z).w > 0.99);
-    }
-}
+mod tests;

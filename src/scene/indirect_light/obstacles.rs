@@ -95,6 +95,13 @@ impl Obstacles {
         !behind_floor && !self.all.is_blocked(origin, direction, f64::INFINITY)
     }
 
+    /// Whether nothing is between two points.
+    pub fn is_clear(&self, from: Vec3, to: Vec3) -> bool {
+        let below = |p: Vec3| self.floor.is_some_and(|f| p.z < f);
+        let way = (to - from).as_dvec3();
+        below(from) == below(to) && !self.all.is_blocked(from.as_dvec3(), way, NEARER)
+    }
+
     /// Returns the side of a phantom that a virtual object may hide from `origin`.
     pub fn hidden_side(&self, origin: Vec3, direction: Vec3) -> Option<u32> {
         let hit = nearest(&self.real, origin, direction)?;

@@ -3,6 +3,19 @@
 use crate::mesh::{Part, Vertex};
 use glam::{DVec3, Vec3};
 
+/// Bounding box of a part; world, metres.
+fn bounds(part: &Part) -> [Vec3; 2] {
+    let in_world = |v: &Vertex| part.world_from_part.transform_point3(v.position.as_dvec3());
+    let corners = part.mesh.vertices.iter().map(in_world);
+    let empty = [DVec3::INFINITY, DVec3::NEG_INFINITY];
+    let all = corners.fold(empty, |[low, high], p| [low.min(p), high.max(p)]);
+    all.map(|p| p.as_vec3())
+}
+
+fn union(a: [Vec3; 2], b: [Vec3; 2]) -> [Vec3; 2] {
+    [a[0].min(b[0]), a[1].max(b[1])]
+}
+
 /// The box around the virtual objects within which their indirect light counts; world, metres.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Region {
@@ -14,19 +27,28 @@ pub(super) struct Region {
 
 impl Region {
     /// Extends the objects' bounding box to every side by the larger of their width and 1.5 times
-    /// their height. `None` without objects.
-    pub fn around(parts: &[Part], ground: Option<f64>) -> Option<Self> {
-        let corners = parts.iter().flat_map(|part| {
-            let in_world =
-                |v: &Vertex| part.world_from_part.transform_point3(v.position.as_dvec3());
-            part.mesh.vertices.iter().map(in_world)
-        });
-        let empty = (DVec3::INFINITY, DVec3::NEG_INFINITY);
-        let (low, high) = corners.fold(empty, |(l, h), p| (l.min(p), h.max(p)));
-        let (low, high) = (low.as_vec3(), high.as_vec3());
-        let floor = ground.map_or(low.z, |g| g as f32);
-        let size = high - low;
-        let reach = size.truncate().max_element().max(1.5 * (high.z - floor));
+    /// their height. What stands within that of the phantoms `lit` by virtual lights counts like the
+    /// objects; without objects, all of them. `None` without either.
+    pub fn around<'a>(
+        parts: &[Part],
+        mut lit: impl Iterator<Item = &'a Part>,
+        ground: Option<f64>,
+    ) -> Option<Self> {
+        let floor_below = |low: Vec3| ground.map_or(low.z, |g| g as f32);
+        let reach_of = |[low, high]: [Vec3; 2]| {
+            let width = (high - low).truncate().max_element();
+            width.max(1.5 * (high.z - floor_below(low)))
+        };
+        let objects = parts.iter().map(bounds).reduce(union);
+        let objects = objects.or_else(|| lit.by_ref().map(bounds).reduce(union))?;
+        let reach = reach_of(objects);
+        let [near_low, near_high] = [objects[0] - reach, objects[1] + reach];
+        let near = lit
+            .map(bounds)
+            .map(|[low, high]| [low.max(near_low), high.min(near_high)])
+            .filter(|[low, high]| low.cmple(*high).all());
+        let [low, high] = near.fold(objects, union);
+        let floor = floor_below(low);
         let usable = reach.is_finite() && reach > 0.0;
         usable.then(|| Self {
             low: Vec3::new(low.x - reach, low.y - reach, floor),

@@ -45,9 +45,9 @@ pub struct NearbyRadiance {
     pub total: Vec<Vec3>,
     /// Mean radiance of the sides of phantoms, like [`PhantomRadiance`].
     pub phantoms: Vec<[Vec3; 6]>,
-    /// Share of the dome's light that virtual objects leave to the ground, like
+    /// Ratio of the light on the ground to that without virtual objects and virtual lights, like
     /// [`Irradiance::ground`].
-    pub ground: Vec<f32>,
+    pub ground: Vec<Vec3>,
 }
 
 /// Irradiance around the virtual objects, linear RGB.

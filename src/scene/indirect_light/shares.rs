@@ -1,5 +1,5 @@
-//! The distant light, and the shares of it that virtual objects leave to the ground and to the
-//! sides of phantoms.
+//! The distant light, and what the ground and the sides of phantoms reflect in the presence of
+//! virtual objects and virtual lights, as shares of what they reflect without.
 
 use super::region::Region;
 use super::result::{GROUND_SIDE, PhantomRadiance};
@@ -27,13 +27,14 @@ impl DistantLight<'_> {
     }
 }
 
-/// Share of the dome's light that virtual objects leave to each ground texel.
-pub(super) struct GroundShares(pub Vec<f32>);
+/// Ratio of the irradiance on each ground texel, with virtual objects and virtual lights, to that of
+/// the unshadowed dome.
+pub(super) struct GroundShares(pub Vec<Vec3>);
 
 impl GroundShares {
     /// 1 outside the grid.
-    pub fn share(&self, texel: u32) -> f32 {
-        self.0.get(texel as usize).copied().unwrap_or(1.0)
+    pub fn share(&self, texel: u32) -> Vec3 {
+        self.0.get(texel as usize).copied().unwrap_or(Vec3::ONE)
     }
 }
 

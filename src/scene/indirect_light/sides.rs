@@ -2,18 +2,20 @@
 //! virtual shadow reflects less light than the camera's picture, which lacks the shadow, shows.
 
 use super::directions::{Directions, side_of};
+use super::lamplight::Lamplight;
 use super::obstacles::{FirstHit, Obstacles};
 use super::region::Region;
 use super::sampling::{point_in, world_triangles};
 use super::shares::{DistantLight, GroundShares, SideShares, ground_texel};
 use super::surfels::Surfels;
+use crate::lamps::PlacedLamp;
 use crate::mesh::Part;
 use glam::Vec3;
 
 /// Number of points on each side of a phantom.
 const POINTS: usize = 8;
-/// Maximum ratio of a side's irradiance with virtual objects to that without; a larger one shows
-/// that picture and light are inconsistent.
+/// Maximum ratio of a side's irradiance with virtual objects to that without, virtual lights aside;
+/// a larger one shows that picture and light are inconsistent.
 const MAX_SHARE: f32 = 2.0;
 
 /// Points on the phantoms' sides and what is visible from them.
@@ -21,6 +23,8 @@ pub(super) struct Sides {
     /// By side (6 × phantom + side, in the order of the scene); empty where no virtual object has
     /// an effect.
     points: Vec<Vec<Point>>,
+    /// At all points, side by side.
+    lamplight: Lamplight,
     pub shares: SideShares,
 }
 
@@ -40,13 +44,16 @@ enum View {
 }
 
 impl Sides {
+    /// `lit`: whether there are virtual lights, which have an effect on every side.
     pub(super) fn new(
         phantoms: &[Part],
+        lit: bool,
         surfels: &Surfels,
         obstacles: &Obstacles,
         directions: &Directions,
         region: &Region,
     ) -> Self {
+        let mut places = Vec::new();
         let points: Vec<Vec<Point>> = phantoms
             .iter()
             .flat_map(|part| distribute(part, region))
@@ -56,14 +63,24 @@ impl Sides {
                 };
                 let points: Vec<Point> = positions.iter().map(find).collect();
                 let changed = |p: &Point| p.views.iter().any(|(_, _, before, now)| before != now);
-                let is_affected = points.iter().any(changed);
-                if is_affected { points } else { Vec::new() }
+                let is_affected = lit || points.iter().any(changed);
+                if !is_affected {
+                    return Vec::new();
+                }
+                places.extend(positions);
+                points
             })
             .collect();
         Self {
             shares: SideShares(vec![Vec3::ONE; points.len()]),
+            lamplight: Lamplight::new(places.into_iter(), region.offset()),
             points,
         }
+    }
+
+    /// Finds what `lamps` reach, before [`Self::update`].
+    pub fn light_up(&mut self, lamps: &[PlacedLamp], obstacles: &Obstacles) {
+        self.lamplight.update(lamps, obstacles);
     }
 
     /// Computes the shares under a new state of the light, with the last update's bounces.
@@ -87,12 +104,17 @@ impl Sides {
             View::Sky => directions.light[direction] * (weight / Directions::solid_angle()),
             other => radiance(other, now) * weight,
         };
+        let mut first = 0;
         let shares = self.points.iter().map(|points| {
+            let lamps = first..first + points.len();
+            first = lamps.end;
+            let lamps: Vec3 = lamps.map(|i| self.lamplight.at(i)).sum();
             let views = || points.iter().flat_map(|p| &p.views);
             let before: Vec3 = views().map(|v| irradiance((v.0, v.1, v.2, false))).sum();
             let now: Vec3 = views().map(|v| irradiance((v.0, v.1, v.3, true))).sum();
             if before.min_element() > 1e-6 {
-                (now / before).clamp(Vec3::ZERO, Vec3::splat(MAX_SHARE))
+                let share = (now / before).clamp(Vec3::ZERO, Vec3::splat(MAX_SHARE));
+                share + lamps / before
             } else {
                 Vec3::ONE
             }

@@ -1,12 +1,14 @@
 //! Surfels: points on the virtual objects that receive and reflect light.
 
 use super::directions::Directions;
+use super::lamplight::Lamplight;
 use super::obstacles::{FirstHit, Obstacles, SurfacePoint};
 use super::region::Region;
 use super::result::NearbyRadiance;
 use super::sampling::{point_in, world_triangles};
 use super::shares::{DistantLight, GroundShares, SideShares, ground_texel};
 use super::surface::Surface;
+use crate::lamps::PlacedLamp;
 use crate::mesh::Part;
 use glam::Vec3;
 use std::f32::consts::PI;
@@ -60,6 +62,7 @@ pub(super) struct Surfels {
     /// `total` of the last update.
     previous: Vec<Vec3>,
     compact: CompactSources,
+    lamplight: Lamplight,
     /// Distance of a ray's origin from its surface, metres.
     offset: f32,
     /// Mean distance of neighbours, metres.
@@ -91,12 +94,15 @@ impl Surfels {
                 (visible.ground, visible.others, visible.phantoms);
         }
         let dark = vec![Vec3::ZERO; all.len()];
+        let places = all.iter().map(|s| (s.position, s.normal));
+        let lamplight = Lamplight::new(places, region.offset());
         Self {
             all,
             radiance: dark.clone(),
             total: dark.clone(),
             previous: dark,
             compact: CompactSources::default(),
+            lamplight,
             offset: region.offset(),
             spacing: share.sqrt(),
         }
@@ -153,6 +159,11 @@ impl Surfels {
         self.total[i as usize]
     }
 
+    /// Finds what `lamps` reach, before [`Self::update`].
+    pub fn light_up(&mut self, lamps: &[PlacedLamp], obstacles: &Obstacles) {
+        self.lamplight.update(lamps, obstacles);
+    }
+
     /// Computes the radiance under a new state of the light, with one more bounce of the last
     /// update's radiance.
     pub fn update(
@@ -178,7 +189,8 @@ impl Surfels {
             let from_others: Vec3 = surfel.others.iter().map(on_other).sum();
             let on_phantom = |(side, weight): &(u32, f32)| sides.radiance(*side, light) * *weight;
             let from_phantoms: Vec3 = surfel.phantoms.iter().map(on_phantom).sum();
-            let arriving = (sky + from_ground + from_others + from_phantoms) / PI;
+            let direct = sky + self.lamplight.at(i);
+            let arriving = (direct + from_ground + from_others + from_phantoms) / PI;
             let surface = &surfel.surface;
             self.radiance[i] = surface.emissive + surface.diffuse * arriving;
             self.total[i] = self.radiance[i] + surface.f0 * arriving;

@@ -87,7 +87,7 @@ impl Volume {
                 add(&mut out.change.volume, *direction, now - before);
             }
             for (direction, texel) in &probe.ground {
-                let lost = light.floor * (ground.share(*texel) - 1.0);
+                let lost = light.floor * (ground.share(*texel) - Vec3::ONE);
                 add(&mut out.change.volume, *direction, lost);
             }
             for (direction, side) in &probe.phantoms {
