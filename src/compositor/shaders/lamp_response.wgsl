@@ -36,7 +36,7 @@ fn arriving_from(k: u32, world: vec3f, n: vec3f) -> vec3f {
     if AREAS && (lamps.count.y >> k & 1u) == 1u {
         return irradiance_of_area(k, world, ray.to);
     }
-    let seen = lamp_visibility(k, world, n, max(dot(n, ray.to), 0.0));
+    let seen = lamp_visibility(k, world, n);
     return ray.facing * mix(1.0, seen, frame.params.x);
 }
 

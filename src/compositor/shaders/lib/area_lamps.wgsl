@@ -100,19 +100,21 @@ fn area_eye(r: Rectangle, x: u32, y: u32, across: f32) -> vec3f {
 // there.
 fn cell_seen(k: u32, r: Rectangle, x: u32, y: u32, across: f32, world: vec3f, n: vec3f) -> f32 {
     let off = world - area_eye(r, x, y, across);
-    let there = on_map(k, off, n, abs(dot(n, unit(off))));
+    let n_dot_l = dot(n, unit(off));
+    // As in `lifted`: off the surface by the texel that it may share with its own caster.
+    let there = on_map(k, off, n, 1.0 + 2.0 * sqrt(max(1.0 - n_dot_l * n_dot_l, 0.0)));
     let size = f32(textureDimensions(lamp_maps).x);
     // Width of a texel in view coordinates (−1 to 1).
     let texel = 2.0 * across / size;
     let corner = vec2f(f32(x), f32(y)) / across;
-    let depth = LAMP_NEAR / max(there.depth, LAMP_NEAR);
+    let on_plane = depth_on_map(there, k);
+    let depth = on_plane.depth;
+    let slope = on_plane.slope;
     var seen = 0.0;
     if SOFT == 1 {
         seen = textureSampleCompareLevel(lamp_maps, lamp_compare, tile_uv(there.q, corner, across, texel), there.layer, depth);
     } else {
         let tangent = lamps.each[k].up.w;
-        let steep = select(max(there.plane, 1e-4), min(there.plane, -1e-4), there.plane < 0.0);
-        let slope = clamp(there.normal.xy * (LAMP_NEAR * tangent / steep), vec2f(-4.0 * depth), vec2f(4.0 * depth));
         // Half the width of the cell, projected from the surface.
         let cell = 0.5 * sqrt(r.size) / across;
         let search = clamp(cell / (max(there.depth, LAMP_NEAR) * tangent), texel, 0.5);

@@ -20,7 +20,7 @@ fn round_lobe(gloss: Gloss, scale: vec3f, d: vec3f) -> RoundLobe {
 fn highlight_of_lamp(k: u32, world: vec3f, n: vec3f, v: vec3f, gloss: Gloss) -> vec3f {
     let ray = lamp_ray(k, world);
     let n_dot_l = max(dot(n, ray.to), 0.0);
-    let seen = mix(1.0, lamp_visibility(k, world, n, n_dot_l), frame.params.x);
+    let seen = mix(1.0, lamp_visibility(k, world, n), frame.params.x);
     return lobe_towards(gloss, n, v, ray.to) * ray.facing * (n_dot_l * seen);
 }
 

@@ -63,15 +63,14 @@ struct OnMap {
     plane: f32,
 }
 
-// Maps the point `off`, relative to the viewpoint of lamp `k`.
-fn on_map(k: u32, off: vec3f, n: vec3f, n_dot_l: f32) -> OnMap {
+// Maps the point `off`, relative to the viewpoint of lamp `k`, after lifting it off the surface by
+// `lift` texels.
+fn on_map(k: u32, off: vec3f, n: vec3f, lift: f32) -> OnMap {
     let a = abs(off);
     let cube = lamps.each[k].position.w > 1.5;
     let major = max(a.x, max(a.y, a.z));
     let z = select(dot(off, lamps.each[k].forward.xyz), major, cube);
-    // As in `lifted`: off the surface by the texel that it may share with its own caster.
-    let slope = sqrt(max(1.0 - n_dot_l * n_dot_l, 0.0));
-    let p = off + n * (lamps.each[k].forward.w * max(z, 0.0) * (1.0 + 2.0 * slope));
+    let p = off + n * (lamps.each[k].forward.w * max(z, 0.0) * lift);
     // Faces +X −X +Y −Y +Z −Z, each with the next two axes as right and up.
     let axis = select(select(2u, 1u, a.y >= a.z), 0u, a.x >= a.y && a.x >= a.z);
     let along = select(select(p.z, p.y, axis == 1u), p.x, axis == 0u);
@@ -92,21 +91,41 @@ fn on_map(k: u32, off: vec3f, n: vec3f, n_dot_l: f32) -> OnMap {
 
 // 1 where lamp `k` sees the point of a surface with normal `n`, 0 behind a caster, a value between
 // along the shadow's edge.
-fn lamp_visibility(k: u32, world: vec3f, n: vec3f, n_dot_l: f32) -> f32 {
-    let there = on_map(k, world - lamps.each[k].position.xyz, n, n_dot_l);
-    let uv = vec2f(0.5 + 0.5 * there.q.x, 0.5 - 0.5 * there.q.y);
-    let seen = lamp_seen(uv, there.layer, LAMP_NEAR / max(there.depth, LAMP_NEAR));
+fn lamp_visibility(k: u32, world: vec3f, n: vec3f) -> f32 {
+    let there = on_map(k, world - lamps.each[k].position.xyz, n, 0.0);
+    let seen = lamp_seen(there, depth_on_map(there, k));
     return select(1.0, seen, there.mapped);
+}
+
+// Depth in a map at a point of a surface, and its change by the position on the map. It is affine on
+// a plane.
+struct DepthOnMap {
+    depth: f32,
+    slope: vec2f,
+}
+
+fn depth_on_map(there: OnMap, k: u32) -> DepthOnMap {
+    let depth = LAMP_NEAR / max(there.depth, LAMP_NEAR);
+    let steep = select(max(there.plane, 1e-4), min(there.plane, -1e-4), there.plane < 0.0);
+    let slope = there.normal.xy * (LAMP_NEAR * lamps.each[k].up.w / steep);
+    return DepthOnMap(depth, clamp(slope, vec2f(-4.0 * depth), vec2f(4.0 * depth)));
 }
 
 // Averages four look-ups at half a texel, which doubles the width of a texel's own blur: with one
 // look-up the edge of a shadow shows stairs.
-fn lamp_seen(uv: vec2f, layer: u32, depth: f32) -> f32 {
-    let half = 0.5 / vec2f(textureDimensions(lamp_maps));
+// Each is compared with the depth of the surface's own plane there, raised by what the plane
+// changes within the texels that the look-up blends: unlike a lift off the surface, that moves no
+// edge.
+fn lamp_seen(there: OnMap, on_plane: DepthOnMap) -> f32 {
+    // Half a texel in view coordinates (−1 to 1).
+    let half = 1.0 / f32(textureDimensions(lamp_maps).x);
+    let raised = on_plane.depth * 1.0005 + dot(abs(on_plane.slope), vec2f(2.0 * half));
+    let uv = vec2f(0.5 + 0.5 * there.q.x, 0.5 - 0.5 * there.q.y);
     var sum = 0.0;
     for (var i = 0; i < 4; i++) {
         let o = vec2f(vec2i(i & 1, i >> 1u) * 2 - 1) * half;
-        sum += textureSampleCompareLevel(lamp_maps, lamp_compare, uv + o, layer, depth);
+        let at = uv + vec2f(0.5, -0.5) * o;
+        sum += textureSampleCompareLevel(lamp_maps, lamp_compare, at, there.layer, raised + dot(on_plane.slope, o));
     }
     return sum * 0.25;
 }
@@ -115,7 +134,7 @@ fn lamp_seen(uv: vec2f, layer: u32, depth: f32) -> f32 {
 fn irradiance_of_lamp(k: u32, world: vec3f, n: vec3f) -> vec3f {
     let ray = lamp_ray(k, world);
     let n_dot_l = max(dot(n, ray.to), 0.0);
-    let seen = lamp_visibility(k, world, n, n_dot_l);
+    let seen = lamp_visibility(k, world, n);
     return ray.facing * (n_dot_l * mix(1.0, seen, frame.params.x));
 }
 
