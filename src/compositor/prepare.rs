@@ -164,7 +164,7 @@ impl Compositor {
             phong: known.phong || self.scene.has_phong,
             rolling_shutter: known.rolling_shutter || input.rolling_shutter.is_some(),
             vignetting: known.vignetting || input.vignetting.is_some(),
-            nearby: known.nearby.max(self.reflections.step()),
+            nearby: known.nearby | self.reflections.is_active(),
             ..known
         };
         if variant == known {

@@ -65,8 +65,8 @@ pub struct Variant {
     pub rolling_shutter: bool,
     /// Whether the camera has vignetting.
     pub vignetting: bool,
-    /// Pixels between mirror rays; 0 if no surface is glossy.
-    pub nearby: u32,
+    /// Whether a surface is glossy.
+    pub nearby: bool,
 }
 
 impl Variant {
@@ -87,7 +87,7 @@ impl Variant {
         exposed: false,
         rolling_shutter: false,
         vignetting: false,
-        nearby: 0,
+        nearby: false,
     };
 }
 
@@ -315,14 +315,13 @@ fn for_variant(text: String, variant: Variant) -> String {
         ("EXPOSED", variant.exposed),
         ("ROLLING", variant.rolling_shutter),
         ("VIGNETTING", variant.vignetting),
-        ("NEARBY", variant.nearby > 0),
+        ("NEARBY", variant.nearby),
     ];
     let text = only_cached(&text, variant.cached)
         .replace("VIRTUAL_TEXTURE", colour)
         .replace("VIRTUAL_DEPTH", depth)
         .replace("SAMPLES", &variant.samples.to_string())
-        .replace("SOFT", &variant.soft.to_string())
-        .replace("NEARBY_STEP", &format!("{}.0", variant.nearby.max(1)));
+        .replace("SOFT", &variant.soft.to_string());
     flags.iter().fold(text, |text, (name, set)| {
         text.replace(name, if *set { "true" } else { "false" })
     })
@@ -581,7 +580,7 @@ mod tests {
                 exposed: lamps,
                 rolling_shutter: samples > 1,
                 vignetting: samples > 1,
-                nearby: soft,
+                nearby: soft > 1,
             });
             let summing = [true, false];
             let planes = summing.map(|real| {

@@ -2,7 +2,7 @@
 
 use super::super::frame_input::FrameInput;
 use super::super::frame_view::FrameView;
-use super::super::textures::{FrameTexture, TILE, coarse_size, format};
+use super::super::textures::{FrameTexture, TILE, format};
 use super::bvh::LANES;
 use super::nearby_scene::NearbyScene;
 use super::radiance::{NearbyLight, PointGrid};
@@ -17,7 +17,7 @@ use wgpu::TextureUsages as U;
 const PACKET: [usize; 2] = [4, 2];
 /// Rows of the lattice that a thread takes at a time.
 const ROWS: usize = 4;
-/// Rays for a lobe where every pixel has a point of the lattice, and where not.
+/// Rays for a lobe where every pixel is a point of the lattice, and where not.
 const RAYS: [usize; 2] = [12, 3];
 
 /// A texel: light, open, seen, seen · metres as half floats, then z.
@@ -33,7 +33,9 @@ pub struct ReflectionsStage {
     /// Of the rays for a lobe.
     slopes: Vec<Vec2>,
     picture: FrameTexture,
-    /// The rectangle of texels in which something was traced.
+    /// The points of the lattice in the rectangle of covered tiles.
+    lattice: Vec<Nearby>,
+    /// The pixels of that rectangle.
     texels: Vec<Texel>,
 }
 
@@ -56,6 +58,7 @@ impl ReflectionsStage {
             step,
             slopes: slopes(RAYS[usize::from(step > 1)]),
             picture: picture(device, (1, 1)),
+            lattice: Vec::new(),
             texels: Vec::new(),
         }
     }
@@ -67,9 +70,9 @@ impl ReflectionsStage {
         self.picture = picture(&self.device, (1, 1));
     }
 
-    /// Pixels from one point of the lattice to the next; 0 if nothing is glossy.
-    pub const fn step(&self) -> u32 {
-        if self.scene.is_some() { self.step } else { 0 }
+    /// Whether anything is glossy.
+    pub const fn is_active(&self) -> bool {
+        self.scene.is_some()
     }
 
     /// Moves a moving virtual part to `world`.
@@ -95,9 +98,8 @@ impl ReflectionsStage {
         let (Some(scene), Some(pose)) = (&self.scene, input.world_from_camera) else {
             return;
         };
-        let size = coarse_size(view.size, self.step);
-        if self.picture.size() != size {
-            self.picture = picture(&self.device, size);
+        if self.picture.size() != view.size {
+            self.picture = picture(&self.device, view.size);
         }
         if let Some(light) = input.indirect_light {
             self.points.fit(&light.nearby);
@@ -105,7 +107,7 @@ impl ReflectionsStage {
         let Some(light) = NearbyLight::new(input, response, &self.points) else {
             return;
         };
-        let lattice = Lattice {
+        let work = Work {
             tracer: Tracer {
                 scene,
                 light,
@@ -115,35 +117,43 @@ impl ReflectionsStage {
             tiles,
             step: self.step,
         };
-        let [_, _, across, down] = tiles.rectangle.map(|n| (n * TILE / self.step) as usize);
+        let [_, _, across, down] = tiles.rectangle.map(|n| (n * TILE) as usize);
         if across == 0 || down == 0 {
             return;
         }
-        self.texels.resize(across * down, [0; 4]);
-        let strips = self.texels[..across * down].chunks_exact_mut(ROWS * across);
+        let step = self.step as usize;
+        let points = across * down / (step * step);
+        self.lattice.resize(points, Nearby::NOTHING);
+        let strips = self.lattice.chunks_exact_mut(ROWS * across / step);
         threads::for_each(strips.enumerate().collect(), |(number, strip)| {
-            lattice.trace(number, strip);
+            work.trace(number, strip);
         });
-        upload(queue, &self.picture, &self.texels, (tiles, self.step));
+        self.texels.resize(across * down, [0; 4]);
+        let strips = self.texels.chunks_exact_mut(TILE as usize * across);
+        threads::for_each(strips.enumerate().collect(), |(number, strip)| {
+            work.fill(&self.lattice, number, strip);
+        });
+        upload(queue, &self.picture, &self.texels, tiles);
     }
 }
 
-/// The points of the picture at which rays are traced.
-struct Lattice<'a> {
+/// The points of the picture at which rays are traced: those of the lattice, and the pixels between
+/// points that differ.
+struct Work<'a> {
     tracer: Tracer<'a>,
     tiles: ReflectionTiles<'a>,
     step: u32,
 }
 
-impl Lattice<'_> {
-    /// Traces strip `number` of [`ROWS`] rows.
-    fn trace(&self, number: usize, texels: &mut [Texel]) {
-        let across = texels.len() / ROWS;
+impl Work<'_> {
+    /// Traces strip `number` of [`ROWS`] rows of the lattice.
+    fn trace(&self, number: usize, points: &mut [Nearby]) {
+        let across = points.len() / ROWS;
         let side = (TILE / self.step) as usize;
         let [left, top, ..] = self.tiles.rectangle.map(|n| n as usize);
         let row = number * ROWS;
         let tile_row = (top + row / side) * self.tiles.across as usize;
-        texels.fill([0; 4]);
+        points.fill(Nearby::NOTHING);
         for x in (0..across).step_by(PACKET[0]) {
             if self.tiles.covered[tile_row + left + x / side] == 0 {
                 continue;
@@ -155,13 +165,83 @@ impl Lattice<'_> {
                     let at = Vec2::new((left * side + x) as f32, (top * side + row + y) as f32);
                     (at + 0.5) * self.step as f32 - 0.5
                 });
-                for (lane, found) in self.tracer.trace(pixels).iter().enumerate() {
+                for (lane, found) in self.tracer.trace(pixels).into_iter().enumerate() {
                     let (x, y) = place(lane);
-                    texels[y * across + x] = packed(found);
+                    points[y * across + x] = found;
                 }
             }
         }
     }
+
+    /// Fills the pixels of row `number` of tiles.
+    fn fill(&self, lattice: &[Nearby], number: usize, texels: &mut [Texel]) {
+        let side = TILE as usize;
+        let across = texels.len() / side;
+        let [left, top, ..] = self.tiles.rectangle.map(|n| n as usize);
+        let covered = &self.tiles.covered[(top + number) * self.tiles.across as usize + left..];
+        texels.fill([0; 4]);
+        let mut waiting = Waiting::default();
+        for x in (0..across).filter(|x| covered[x / side] != 0) {
+            for y in 0..side {
+                let own = y * across + x;
+                if let Some(found) = self.between(lattice, across, (x, number * side + y)) {
+                    texels[own] = packed(&found);
+                    continue;
+                }
+                let pixel = Vec2::new((left * side + x) as f32, ((top + number) * side + y) as f32);
+                waiting.pixels[waiting.count] = pixel;
+                waiting.texels[waiting.count] = own;
+                waiting.count += 1;
+                if waiting.count == LANES {
+                    self.trace_waiting(&mut waiting, texels);
+                }
+            }
+        }
+        self.trace_waiting(&mut waiting, texels);
+    }
+
+    /// What the lattice tells of a pixel of the rectangle; `None` if it has to be traced.
+    fn between(&self, lattice: &[Nearby], across: usize, (x, y): (usize, usize)) -> Option<Nearby> {
+        let step = self.step as usize;
+        if step == 1 {
+            return lattice.get(y * across + x).copied();
+        }
+        let across = across / step;
+        let down = lattice.len() / across;
+        let place = (Vec2::new(x as f32, y as f32) + 0.5) / self.step as f32 - 0.5;
+        let corner = place.floor();
+        let part = place - corner;
+        let at = |dx: f32, dy: f32| {
+            let x = (corner.x + dx).clamp(0.0, across as f32 - 1.0) as usize;
+            let y = (corner.y + dy).clamp(0.0, down as f32 - 1.0) as usize;
+            &lattice[y * across + x]
+        };
+        let corners = [at(0.0, 0.0), at(1.0, 0.0), at(0.0, 1.0), at(1.0, 1.0)];
+        let (u, v) = (part.x, part.y);
+        let weights = [(1.0 - u) * (1.0 - v), u * (1.0 - v), (1.0 - u) * v, u * v];
+        Nearby::between(corners, weights)
+    }
+
+    fn trace_waiting(&self, waiting: &mut Waiting, texels: &mut [Texel]) {
+        let count = std::mem::take(&mut waiting.count);
+        if count == 0 {
+            return;
+        }
+        let last = waiting.pixels[count - 1];
+        waiting.pixels[count..].fill(last);
+        let found = self.tracer.trace(waiting.pixels);
+        for (found, texel) in found.iter().zip(&waiting.texels[..count]) {
+            texels[*texel] = packed(found);
+        }
+    }
+}
+
+/// Pixels that are traced together, and their texels.
+#[derive(Default)]
+struct Waiting {
+    pixels: [Vec2; LANES],
+    texels: [usize; LANES],
+    count: usize,
 }
 
 /// Twin of WGSL `nearby_at`, which reads it.
@@ -177,6 +257,7 @@ fn packed(nearby: &Nearby) -> Texel {
         seen,
         metres,
         z,
+        ..
     } = *nearby;
     [
         halves(light.x, light.y),
@@ -187,13 +268,8 @@ fn packed(nearby: &Nearby) -> Texel {
 }
 
 /// Uploads the rectangle of covered tiles, as far as it lies in the picture.
-fn upload(
-    queue: &wgpu::Queue,
-    to: &FrameTexture,
-    texels: &[Texel],
-    (tiles, step): (ReflectionTiles<'_>, u32),
-) {
-    let [x, y, across, down] = tiles.rectangle.map(|n| n * TILE / step);
+fn upload(queue: &wgpu::Queue, to: &FrameTexture, texels: &[Texel], tiles: ReflectionTiles<'_>) {
+    let [x, y, across, down] = tiles.rectangle.map(|n| n * TILE);
     let (width, height) = to.size();
     queue.write_texture(
         wgpu::TexelCopyTextureInfo {

@@ -29,6 +29,17 @@ const LEAST_ELEVATION: f32 = 0.01;
 const FREE: f32 = 1.0 - 1e-3;
 /// Part of the picture's width over which reflections of the picture fade towards its edges.
 const FADE: f32 = 0.05;
+/// Differences of two points of a lattice below which what lies between them is interpolated: of
+/// their distance, as a share of it, ...
+const SAME_DISTANCE: f32 = 0.01;
+/// ... of their normals, as a cosine, ...
+const SAME_NORMAL: f32 = 0.97;
+/// ... of the shares of rays, ...
+const SAME_SHARE: f32 = 0.2;
+/// ... and of the light, as a share of the brighter.
+const SAME_LIGHT: f32 = 0.25;
+/// Difference of light that is dark beside everything, in units of the camera's white.
+const DARK: f32 = 0.004;
 /// Angle between successive points of a spiral.
 const GOLDEN: f32 = 2.399_963_2;
 
@@ -45,6 +56,8 @@ pub struct Nearby {
     pub metres: f32,
     /// Distance of the surface along the camera's axis, metres; 0 without a glossy surface.
     pub z: f32,
+    /// Shading normal of the surface.
+    pub normal: Vec3,
 }
 
 impl Nearby {
@@ -55,7 +68,48 @@ impl Nearby {
         seen: 0.0,
         metres: 0.0,
         z: 0.0,
+        normal: Vec3::ZERO,
     };
+
+    /// What is between four points of a lattice, by their weights; `None` if they are not on one
+    /// surface or mirror different things.
+    pub fn between(corners: [&Self; 4], weights: [f32; 4]) -> Option<Self> {
+        let first = corners[0];
+        if corners.iter().all(|c| c.z == 0.0) {
+            return Some(Self::NOTHING);
+        }
+        let alike = corners.iter().all(|c| first.is_like(c));
+        alike.then(|| {
+            let mut sum = Self {
+                open: 0.0,
+                normal: first.normal,
+                ..Self::NOTHING
+            };
+            let mut metres = 0.0;
+            for (corner, weight) in corners.iter().zip(weights) {
+                sum.light += corner.light * weight;
+                sum.open += corner.open * weight;
+                sum.seen += corner.seen * weight;
+                metres += corner.seen * corner.metres * weight;
+                sum.z += corner.z * weight;
+            }
+            sum.metres = metres / sum.seen.max(1e-6);
+            sum
+        })
+    }
+
+    /// Whether what lies between two points is theirs.
+    fn is_like(&self, other: &Self) -> bool {
+        let same_surface = (self.z - other.z).abs() < SAME_DISTANCE * self.z
+            && self.normal.dot(other.normal) > SAME_NORMAL;
+        let brightest = self.light.max(other.light).max_element();
+        let shares = (self.open - other.open)
+            .abs()
+            .max((self.seen - other.seen).abs());
+        same_surface
+            && shares < SAME_SHARE
+            && (self.light - other.light).abs().max_element() < SAME_LIGHT * brightest + DARK
+    }
 }
 
 /// The camera of a frame without distortion.
@@ -189,6 +243,7 @@ impl Tracer<'_> {
                 sum: Nearby {
                     open: 0.0,
                     z: met.distance,
+                    normal: met.shading_normal,
                     ..Nearby::NOTHING
                 },
             })
@@ -375,6 +430,7 @@ impl Mirror<'_> {
             open,
             seen,
             z,
+            normal,
             ..
         } = self.sum;
         Nearby {
@@ -383,6 +439,7 @@ impl Mirror<'_> {
             seen: seen * scale,
             metres: self.metres / seen.max(1e-6),
             z,
+            normal,
         }
     }
 }

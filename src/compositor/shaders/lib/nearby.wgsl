@@ -1,5 +1,5 @@
-// What glossy surfaces mirror of their neighbourhood, by rays that the processor has traced on a
-// lattice of pixels. Twin of `reflections::stage`.
+// What glossy surfaces mirror of their neighbourhood, by rays that the processor has traced. Twin of
+// `reflections::stage`.
 
 // Light, open, seen, seen times metres as half floats; distance along the camera's axis, 0 without
 // a glossy surface.
@@ -21,9 +21,8 @@ const SAME_DISTANCE: f32 = 0.01;
 // At a place in the picture that shows a surface `z` metres along the view.
 fn nearby_at(at: vec2f, z: f32) -> Nearby {
     let last = vec2i(textureDimensions(nearby)) - vec2i(1);
-    let place = (at + 0.5) / NEARBY_STEP - 0.5;
-    let corner = floor(place);
-    let part = place - corner;
+    let corner = floor(at);
+    let part = at - corner;
     var light = vec3f(0.0);
     var shares = vec3f(0.0);
     var weight = 0.0;
