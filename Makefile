@@ -1,5 +1,5 @@
 # `make help` lists the targets. Variables: ARGS (additional arguments of the program or the
-# script), SESSION, TEMPLE_SESSION, TRUTH, CARGO_TARGET_DIR; REV, CASES, PAIRS (bench-compare).
+# script), SESSION, TEMPLE_SESSION, TRUTH, RIGS, CARGO_TARGET_DIR; REV, CASES, PAIRS (bench-compare).
 SHELL := bash
 .SHELLFLAGS := -eu -o pipefail -c
 .DELETE_ON_ERROR:
@@ -11,6 +11,7 @@ PENUMBRA := $(TARGET)/release/penumbra
 SESSION ?= tests/fixtures/sessions/desk.mcap
 TEMPLE_SESSION ?= tests/fixtures/sessions/courtyard.mcap
 TRUTH ?= ../shared/truth
+RIGS ?= ../shared/rigs
 PREFIX ?= /usr/local
 SYSCONFDIR ?= /etc
 UNITDIR ?= /etc/systemd/system
@@ -68,7 +69,7 @@ bench-table: build ## Measure the papers' rows and write them to docs/src/result
 	@for case in supan kakuta2007 kakuta2004 lightprobe live; do \
 	  $(UNPACKED) $(PENUMBRA) bench --case $$case --json $(TARGET)/bench-$$case.json --force $(ARGS); done
 	@$(UNPACKED) $(PENUMBRA) bench --case live --size 1280x720 --json $(TARGET)/bench-live-720.json --force $(ARGS)
-	@python3 tests/judge/bench_table.py $(addprefix $(TARGET)/bench-,supan.json kakuta2007.json kakuta2004.json lightprobe.json live.json live-720.json)
+	@python3 tests/judge/bench_table.py $(addprefix $(TARGET)/bench-,supan.json kakuta2007.json kakuta2004.json lightprobe.json live.json live-720.json) --start $(PENUMBRA) $(SESSION)
 
 bench-compare: build ## Build revision REV and run both benchmarks in turns; CASES=supan,live PAIRS=7 ARGS="--frames 60"
 	@$(UNPACKED) python3 tests/judge/bench_compare.py "$(REV)" --penumbra $(PENUMBRA) $(if $(CASES),--cases $(CASES)) $(if $(PAIRS),--pairs $(PAIRS)) --bench $(ARGS)
@@ -77,7 +78,7 @@ gpu-check: build ## Tests, benchmarks, latency and fidelity on this adapter, one
 	@$(UNPACKED) python3 tests/judge/gpu_check.py --penumbra $(PENUMBRA) --truth $(TRUTH) $(ARGS)
 
 fidelity: build ## Compare pictures with path-traced ground truth; ARGS="--sessions desk.mcap --no-planes"
-	@$(UNPACKED) python3 tests/judge/fidelity.py --penumbra $(PENUMBRA) --truth $(TRUTH) $(ARGS)
+	@$(UNPACKED) python3 tests/judge/fidelity.py --penumbra $(PENUMBRA) --truth $(TRUTH) $(RIGS) $(ARGS)
 
 near-lamps: build ## What estimated places of lamps change, with wrong descriptions of a rig, too; ARGS="--truth DIR"
 	@$(UNPACKED) python3 tests/judge/near_lamps.py --penumbra $(PENUMBRA) $(ARGS)

@@ -1,15 +1,22 @@
 #!/usr/bin/env python3
 """Put the figures of `penumbra bench --json FILE` into a table of the documentation.
 
-    tests/judge/bench_table.py FILE... [--write DOCUMENT]
+    tests/judge/bench_table.py FILE... [--write DOCUMENT] [--start PENUMBRA SESSION]
 
-The table replaces the text between the document's comments bench:begin and bench:end.
+The tables replace the text between the document's comments bench:begin and bench:end. The last one holds the figures to the
+aims for a software driver on two processors. With --start it also has how long a program takes from its start to the end of a
+replay of one picture.
 """
 from __future__ import annotations
 
 import argparse
 import json
+import os
+import statistics
+import subprocess
 import sys
+import time
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from tables import RESULTS, write_between
@@ -45,27 +52,88 @@ def live_row(adapter: str, r: dict) -> str:
     return "| " + " | ".join(map(str, cells)) + " |"
 
 
-def table(files: list[Path]) -> str:
-    """All rows of all files."""
+def supan(lights: int, redrawn: int) -> Callable[[dict], bool]:
+    return lambda r: not r["planes"] and not r["environment"] and (r["lights"], r["refreshed_per_frame"]) == (lights, redrawn)
+
+
+def kakuta(changes: bool) -> Callable[[dict], bool]:
+    return lambda r: r["case"] == "kakuta2007" and r["triangles"] == 58500 and r["light_changes"] == changes
+
+
+def live(width: int, lights: int, max_wait_ms: float) -> Callable[[dict], bool]:
+    return lambda r: (r["width"], r["lights"], r["samples"], r["max_wait_ms"]) == (width, lights, 4, max_wait_ms)
+
+
+#: What, which row, its figure, the aim; a figure that has to be small has its aim negated.
+Aim = tuple[str, Callable[[dict], bool], Callable[[dict], float], float]
+AIMS: list[Aim] = [
+    ("supan, 64 lights, one map redrawn: frames/s", supan(64, 1), lambda r: r["fps"], 30),
+    ("supan, 64 lights, all redrawn: frames/s", supan(64, 64), lambda r: r["fps"], 8),
+    ("kakuta2007, light steady: frames/s", kakuta(False), lambda r: r["fps"], 35),
+    ("kakuta2007, light changing: frames/s", kakuta(True), lambda r: r["fps"], 25),
+    ("lightprobe, one lamp: frames/s", lambda r: bool(r["environment"]) and r["lamps"] == 1 and r["lights"] == 0, lambda r: r["fps"], 40),
+]
+LIVE_AIMS: list[Aim] = [
+    ("live, 640×480, 64 lights: arrival to picture, ms p50", live(640, 64, 20), lambda r: r["arrival_to_picture_ms"]["p50"], -20),
+    ("live, 640×480, 64 lights: arrival to picture, ms p99", live(640, 64, 20), lambda r: r["arrival_to_picture_ms"]["p99"], -33),
+    ("live, 1280×720, 8 lights: frames/s", live(1280, 8, 20), lambda r: r["frames_per_second"], 15),
+]
+#: Name of a start, whether the driver may keep shaders, and the aim, seconds.
+STARTS = [("start to the end of one picture, shaders kept, s", True, 2.0), ("the same without kept shaders, s", False, 6.0)]
+
+
+def aims(rows: list[dict], rigs: list[dict], starts: Sequence[tuple[str, float, float]]) -> list[str]:
+    """Lines of the table of aims, as far as their rows were measured."""
+    found = [(what, figure(row), abs(aim), aim < 0)
+             for measured, wanted in ((rows, AIMS), (rigs, LIVE_AIMS))
+             for what, chosen, figure, aim in wanted
+             for row in filter(None, [next(filter(chosen, measured), None)])]
+    few, many = (next(filter(supan(lights, 1), rows), None) for lights in (8, 64))
+    if few and many:
+        found.append(("supan, 64 lights as a share of 8 lights", many["fps"] / few["fps"], 0.85, False))
+    found += [(what, seconds, aim, True) for what, seconds, aim in starts]
+    return [f"| {what} | {reached:.2f} | {aim:g} | {'reached' if (reached <= aim if small else reached >= aim) else 'not reached'} |"
+            for what, reached, aim, small in found]
+
+
+def measured_starts(penumbra: str, session: str) -> list[tuple[str, float, float]]:
+    """Medians over five starts each; the first one of all is not counted."""
+    def seconds(kept: bool) -> float:
+        environment = os.environ | ({} if kept else {"MESA_SHADER_CACHE_DISABLE": "true"})
+        begun = time.monotonic()
+        subprocess.run([penumbra, "replay", session, "--headless", "--listen", "127.0.0.1:0", "--frames", "1"], check=True,
+                       env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        return time.monotonic() - begun
+    seconds(True)
+    return [(what, statistics.median(seconds(kept) for _ in range(5)), aim) for what, kept, aim in STARTS]
+
+
+def table(files: list[Path], starts: Sequence[tuple[str, float, float]] = ()) -> str:
+    """All rows of all files, and the aims."""
     reports = [json.loads(file.read_text()) for file in files]
-    live = [live_row(report["adapter"], r) for report in reports for r in report["live"]]
+    live_rows = [live_row(report["adapter"], r) for report in reports for r in report["live"]]
     lines = [HEADING, "|---" * 10 + "|", *(row(report["adapter"], r) for report in reports for r in report["rows"])]
-    return "\n".join(lines + (["", LIVE_HEADING, "|---" * 10 + "|", *live] if live else []))
+    if live_rows:
+        lines += ["", LIVE_HEADING, "|---" * 10 + "|", *live_rows]
+    rows, rigs = ([r for report in reports for r in report[kind]] for kind in ("rows", "live"))
+    goals = aims(rows, rigs, starts)
+    return "\n".join(lines + (["", "| aim | reached | aimed at | |", "|---" * 4 + "|", *goals] if goals else []))
 
 
 def options() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("reports", nargs="+", type=Path, metavar="FILE", help="made by `penumbra bench --json FILE`")
     parser.add_argument("--write", type=Path, default=RESULTS / "bench.md", metavar="DOCUMENT", help="default: %(default)s")
+    parser.add_argument("--start", nargs=2, metavar=("PENUMBRA", "SESSION"), help="measure starts, too")
     return parser.parse_args()
 
 
 def main() -> int:
     a = options()
     try:
-        text = table(a.reports)
+        text = table(a.reports, measured_starts(*a.start) if a.start else [])
         write_between(a.write, "bench", text)
-    except (OSError, KeyError, ValueError) as error:
+    except (OSError, KeyError, ValueError, subprocess.CalledProcessError) as error:
         print(f"bench_table: {type(error).__name__}: {error}", file=sys.stderr)
         return 2
     print(text)

@@ -4,8 +4,8 @@
 The bundled sessions are judged always, the rigs in --truth if they are there; a missing rig is named
 as SKIPPED. For each: `penumbra import` (of a copy without the truth), `penumbra replay --headless
 --speed max --frames-out`, then tests/judge/judge.py. Each rig is replayed with both techniques, image-based-shadowing and
-shadowing-planes, in both qualities, live and best; the bars hold for both qualities of the first technique. A missed aim, which
-the best quality misses as well, is listed and changes nothing.
+shadowing-planes, in both qualities, live and best; the bars hold for both qualities of the first technique. Of rigs in which
+nothing moves, the live picture's steadiness is judged, too (tests/judge/steadiness.py). A missed aim is listed and changes nothing.
 
     tests/judge/fidelity.py                                  all rigs, the table on stdout
     tests/judge/fidelity.py --no-planes                      only the rows of image-based-shadowing
@@ -25,11 +25,11 @@ import subprocess
 import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from python_env import ROOT, TARGET, Unavailable, run_with
-from rigs import OUTSIDE, Rig, blind_view, bundled, outside
+from rigs import FOLDERS, OUTSIDE, Rig, blind_view, bundled, outside
 from tables import RESULTS, write_between
 
 REQUIREMENTS = Path(__file__).with_name("requirements-judge.txt")
@@ -42,6 +42,9 @@ ROWS = {
 }
 # Rows that the bars hold for.
 BARRED = [row for row in ROWS if row.startswith("image-based-shadowing")]
+LIVE = "image-based-shadowing, live"
+#: Limits of the figures of steadiness.
+STEADY = {"pump": 0.05, "step": 0.1, "shimmer": 1.05}
 # Column of judge.py, heading of the table, digits.
 COLUMNS = [
     ("rmse_shadow", "RMSEshd", 2), ("s_err", "s_err", 4), ("s_bias", "s_bias", 4),
@@ -63,6 +66,8 @@ class Result:
     rows: dict[str, dict[str, float]]
     #: Error of the white-balance gains in percent, per channel.
     gain_error_percent: list[float] | None
+    #: (figure, reached, allowed) over time, of the live picture.
+    over_time: list[tuple[str, float, float]] = field(default_factory=list)
 
 
 def step(command: list[str], log: Path, what: str) -> None:
@@ -134,7 +139,7 @@ def judged(rig: Rig, a: argparse.Namespace) -> Result:
     # Imports numpy, which this script's first Python may lack.
     from judge import judge_baselines, judge_pictures
 
-    work, rows, reports = a.out / rig.name, {}, []
+    work, rows, reports, over_time = a.out / rig.name, {}, [], []
     work.mkdir(parents=True, exist_ok=True)
     (work / "log.txt").write_text("")
     mcap = recorded(rig, work, a)
@@ -142,8 +147,23 @@ def judged(rig: Rig, a: argparse.Namespace) -> Result:
         frames, report = composed(mcap, rig, row, work, a)
         rows[row] = judge_pictures(rig.truth, frames, rig.every)
         reports.append(report)
+        if row == LIVE:
+            over_time = bars_over_time(rig, frames)
     rows |= judge_baselines(rig.truth, rig.every)
-    return Result(rig.name, rows, gain_error(rig, reports[0]))
+    return Result(rig.name, rows, gain_error(rig, reports[0]), over_time)
+
+
+def bars_over_time(rig: Rig, frames: Path) -> list[tuple[str, float, float]]:
+    """The bars for how the live picture changes over time."""
+    from steadiness import is_still, largest_changes, steadiness
+
+    if is_still(rig.truth):
+        return [(figure, reached, STEADY[figure.split()[0]]) for figure, reached in steadiness(rig.truth, frames).items()]
+    if rig.name != "desk":
+        return []
+    # Its lamp moves.
+    ours, wanted = largest_changes(rig.truth, frames)
+    return [("change of the object %", ours, 1.5 * wanted)]
 
 
 def attempt(rig: Rig, a: argparse.Namespace) -> Result | None:
@@ -186,7 +206,7 @@ def bars(result: Result) -> list[tuple[str, float, float]]:
     found = [bar for row in BARRED if row in result.rows for bar in bars_of(result, row)]
     if result.gain_error_percent:
         found.append(("gain error %", max(map(abs, result.gain_error_percent)), 3.0))
-    return found
+    return found + result.over_time
 
 
 def aims(result: Result) -> list[tuple[str, float, float]]:
@@ -223,7 +243,7 @@ def bars_table(results: list[Result]) -> tuple[str, bool]:
 
 def options() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--truth", type=Path, default=ROOT / "../shared/truth", help="folder of more rigs with truth")
+    parser.add_argument("--truth", type=Path, nargs="+", default=FOLDERS, help="folders of more rigs with truth")
     parser.add_argument("--sessions", help="names of rigs, comma-separated (default: all)")
     parser.add_argument("--every", type=int, default=1, help="judge every N-th true frame of the rigs in --truth")
     parser.add_argument("--jobs", type=int, default=1, help="rigs at a time")
@@ -242,7 +262,7 @@ def options() -> argparse.Namespace:
 
 def chosen_rigs(a: argparse.Namespace) -> tuple[list[Rig], list[str]]:
     """The rigs to judge, and the names of those that are missing."""
-    found = {rig.name: rig for rig in bundled() + outside(a.truth, a.every)}
+    found = {rig.name: rig for rig in bundled() + [rig for folder in a.truth for rig in outside(folder, a.every)]}
     names = a.sessions.split(",") if a.sessions else [*found, *(name for name in OUTSIDE if name not in found)]
     if unknown := set(names) - set(found) - set(OUTSIDE):
         raise Failed(f"--sessions: no rig {', '.join(sorted(unknown))}; there are {', '.join(found)}")

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Tests of judge.py, colour.py, fidelity.py, rigs.py, tables.py, bench_compare.py and gpu_check.py.
+"""Tests of judge.py, colour.py, fidelity.py, steadiness.py, rigs.py, tables.py, bench_compare.py and gpu_check.py.
 
     tests/judge/judge_test.py [-v]
 
@@ -29,9 +29,11 @@ import numpy as np  # noqa: E402
 from PIL import Image  # noqa: E402
 
 import bench_compare  # noqa: E402
+import bench_table  # noqa: E402
 import colour  # noqa: E402
 import judge  # noqa: E402
 import near_lamps  # noqa: E402
+import steadiness  # noqa: E402
 import rigs  # noqa: E402
 import tables  # noqa: E402
 
@@ -153,9 +155,9 @@ class Bundled(Scratch):
                 self.assertLess(rows["truth_jpg"][column], share * rows["without"][column], f"{rig.name}: {column}")
 
     def test_bundled_rigs_are_found_and_missing_ones_listed(self) -> None:
-        found, missing = fidelity.chosen_rigs(argparse.Namespace(truth=self.folder, sessions=None, every=4))
+        found, missing = fidelity.chosen_rigs(argparse.Namespace(truth=[self.folder], sessions=None, every=4))
         self.assertEqual([(rig.name, rig.every) for rig in found], [("courtyard.mcap", 1), ("desk.mcap", 1)])
-        self.assertEqual(missing, ["courtyard", "desk", "desk-lamp", "desk-marker", "desk-sphere"])
+        self.assertEqual(missing, [*rigs.OUTSIDE])
 
     def test_blind_view_omits_the_ground_truth(self) -> None:
         for name in ("truth/with_00000.png", "masks/object_00000.png", "scene/00000.jpg", "truth_rig.json", "rig.json"):
@@ -196,6 +198,64 @@ class Bars(unittest.TestCase):
         self.assertTrue(self.reached(name="desk-lamp", l_err=0.07, dE_lit=2.0))
         for figures in ({"l_err": 0.09, "dE_lit": 2.0}, {"l_err": 0.07, "dE_lit": 3.1}, {}):
             self.assertFalse(self.reached(name="desk-lamp", **figures), figures)
+
+
+class SpeedAims(unittest.TestCase):
+    def test_aims_are_compared_in_their_direction(self) -> None:
+        def supan(lights: int, redrawn: int, fps: float) -> dict:
+            return {"case": "supan", "planes": 0, "environment": "", "lights": lights, "refreshed_per_frame": redrawn, "fps": fps}
+
+        def rig(p50: float) -> dict:
+            times = {"p50": p50, "p99": 40.0}
+            return {"width": 640, "lights": 64, "samples": 4, "max_wait_ms": 20, "frames_per_second": 20, "arrival_to_picture_ms": times}
+        rows = [supan(8, 1, 40.0), supan(64, 1, 32.0), supan(64, 64, 7.0)]
+        lines = bench_table.aims(rows, [rig(19.0)], [("start", 2.5, 2.0)])
+        self.assertEqual([line.split(" | ")[-1] for line in lines],
+                         ["reached |", "not reached |", "reached |", "not reached |", "not reached |", "not reached |"])
+        self.assertIn("| supan, 64 lights as a share of 8 lights | 0.80 | 0.85 | not reached |", lines)
+
+
+class Steadiness(Scratch):
+    """A still rig of 30 pictures, of which the composite of each is the truth times a factor."""
+
+    def rig(self, factors: list[float]) -> Path:
+        def save(name: str, picture: np.ndarray) -> None:
+            file = self.folder / name
+            file.parent.mkdir(parents=True, exist_ok=True)
+            Image.fromarray(picture).save(file)
+        noise = np.random.default_rng(7)
+        grey = np.full((40, 40, 3), 180, np.uint8)
+        with_object = grey.copy()
+        with_object[:, 20:] = 120
+        object_mask = np.zeros((40, 40), np.uint8)
+        object_mask[:, 36:] = 255
+        save("truth/with_00000.png", with_object)
+        save("truth/without_00000.png", grey)
+        save("masks/object_00000.png", object_mask)
+        save("masks/labels_without_00000.png", np.ones((40, 40), np.uint8))
+        for k, factor in enumerate(factors):
+            grain = noise.normal(0, 2, grey.shape)
+            save(f"scene/{k:05d}.png", (grey + grain).round().clip(0, 255).astype(np.uint8))
+            linear = colour.linear_from_srgb((with_object + grain * 2 / 3).clip(0, 255) / 255) * factor
+            save(f"frames/{k:05d}.png", (255 * colour.srgb_from_linear(linear)).round().astype(np.uint8))
+        return self.folder
+
+    def test_a_flickering_picture_is_told_from_a_steady_one(self) -> None:
+        rig = self.rig([1.0] * 30)
+        self.assertTrue(steadiness.is_still(rig))
+        steady = steadiness.steadiness(rig, rig / "frames")
+        self.assertLess(steady["pump shadow %"], 0.2)
+        self.assertLess(abs(steady["shimmer shadow"] - 1), 0.3)
+        rig = self.rig([1.0, 1.05] * 15)
+        flickering = steadiness.steadiness(rig, rig / "frames")
+        self.assertAlmostEqual(flickering["pump shadow %"], 2.5, delta=0.3)
+        self.assertAlmostEqual(flickering["step object %"], 5.0, delta=0.5)
+
+    def test_bars_over_time_can_be_missed(self) -> None:
+        rows = {"image-based-shadowing, best": Bars.GOOD, "without": Bars.WITHOUT}
+        for pump, good in ((0.04, True), (0.06, False)):
+            result = fidelity.Result("desk-still", rows, None, [("pump shadow %", pump, fidelity.STEADY["pump"])])
+            self.assertEqual(fidelity.bars_table([result])[1], good)
 
 
 class NearLamps(Scratch):

@@ -18,8 +18,8 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from fidelity import PACKAGES, REQUIREMENTS, Failed, step
-from python_env import ROOT, TARGET, Unavailable, run_with
-from rigs import Rig, blind_view, outside
+from python_env import TARGET, Unavailable, run_with
+from rigs import FOLDERS, Rig, blind_view, outside
 from tables import RESULTS, write_between
 
 #: Rigs with a lamp.
@@ -127,7 +127,7 @@ def main() -> int:
     worse = []
     try:
         run_with(PACKAGES, REQUIREMENTS)
-        folders = a.truth or [ROOT / "../shared/truth", ROOT / "../shared/rigs"]
+        folders = a.truth or FOLDERS
         found = {rig.name: rig for folder in folders for rig in outside(folder, a.every)}
         missing = [name for name in a.sessions.split(",") if name not in found]
         for name in (name for name in a.sessions.split(",") if name in found):

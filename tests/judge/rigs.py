@@ -9,7 +9,9 @@ from python_env import ROOT
 
 SESSIONS = ROOT / "tests/fixtures/sessions"
 #: Rigs that a full run evaluates in addition to the bundled sessions.
-OUTSIDE = ("courtyard", "desk", "desk-lamp", "desk-marker", "desk-sphere")
+OUTSIDE = ("courtyard", "desk", "desk-depth", "desk-lamp", "desk-marker", "desk-near", "desk-sphere", "desk-stereo", "desk-still")
+#: Where they are, if they are there.
+FOLDERS = [ROOT / "../shared/truth", ROOT / "../shared/rigs"]
 #: Ground truth in a rig's folder, which the program must not read.
 JUDGES_ONLY = {"truth", "truth_right", "masks", "masks_right", "light_truth", "truth_rig.json", "camera_truth.csv"}
 
