@@ -60,13 +60,19 @@ struct Tally {
 struct Counter(Vec<(u64, u32)>);
 
 impl Counter {
-    /// Returns the number of images missing. Brackets share the counter with the base exposure.
+    /// Returns the number of images missing. Base exposure and brackets share the counter; what a
+    /// camera always leaves out, such as pictures between two exposures, is not lost.
     fn lost(&mut self) -> u64 {
         self.0.sort_unstable();
         let steps = self.0.windows(2).map(|w| w[1].1.wrapping_sub(w[0].1));
         // A counter that restarts or repeats does not indicate losses.
-        let skips = steps.filter(|step| (2..1 << 31).contains(step));
-        skips.map(|step| u64::from(step - 1)).sum()
+        let mut steps: Vec<u32> = steps.filter(|s| (1..1 << 31).contains(s)).collect();
+        steps.sort_unstable();
+        let Some(&usual) = steps.get(steps.len() / 2) else {
+            return 0;
+        };
+        let lost = steps.iter().map(|step| (step / usual).saturating_sub(1));
+        lost.map(u64::from).sum()
     }
 }
 

@@ -411,7 +411,8 @@ fn recorded_elsewhere(compression: mcap::Compression) -> Vec<u8> {
 fn brackets_are_not_lost_frames_of_the_base_exposure() {
     let cursor = Cursor::new(Vec::new());
     let mut writer = SessionWriter::new(cursor, Path::new("memory")).unwrap();
-    writer.frame(Camera::Scene, &picture(0, 0, 0.0)).unwrap();
+    let scene = picture(0, 10_000_000, 0.0);
+    writer.frame(Camera::Scene, &scene).unwrap();
     // The camera counts base exposures and brackets; picture 7 is lost.
     for i in (0..12).filter(|i| *i != 7) {
         let ev = [0.0, -4.0, -8.0][i % 3];
