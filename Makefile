@@ -16,6 +16,8 @@ PREFIX ?= /usr/local
 SYSCONFDIR ?= /etc
 UNITDIR ?= /etc/systemd/system
 UDEVDIR ?= /etc/udev/rules.d
+# Completions of bash, zsh and fish, under $(PREFIX)/share.
+COMPLETIONS := bash-completion/completions/penumbra zsh/site-functions/_penumbra fish/vendor_completions.d/penumbra.fish
 # Mesa's device-select layer complains on machines without a desktop; Penumbra sorts adapters
 # itself. Then: packages that were unpacked without root (.ci/packages --no-root).
 export NODEVICE_SELECT ?= 1
@@ -23,7 +25,7 @@ UNPACKED := if [ -f target/packages/env ]; then . target/packages/env; fi;
 # A window needs a display; without one the picture is shown in the browser.
 WINDOW := $(if $(DISPLAY)$(WAYLAND_DISPLAY),,--headless)
 
-.PHONY: help demo demo-temple demo-lamp build test check docs docs-write unit advisories bench bench-table bench-compare gpu-check fidelity near-lamps calibration soak fuzz fmt packages-demo packages-test toolchain clean install uninstall test-devices
+.PHONY: help demo demo-temple demo-lamp build test check docs docs-write unit advisories bench bench-table bench-compare gpu-check fidelity near-lamps calibration soak fuzz fmt packages-demo packages-test toolchain clean install uninstall deb tarball test-devices
 
 help: ## This list
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/' | expand -t 14
@@ -92,9 +94,16 @@ soak: build ## Long: memory must stay constant over 10,000 frames of a looped re
 fuzz: ## Fuzz every byte protocol and the session reader; FUZZ_SECONDS=30 each, ARGS="fastrak csv"
 	@tests/fuzz/run $(ARGS)
 
-install: ## Program, service, udev rules, user; DESTDIR= PREFIX=/usr/local SYSCONFDIR=/etc. Build first
+install: ## Program, man pages, completions, service, udev rules, user; DESTDIR= PREFIX=/usr/local SYSCONFDIR=/etc. Build first
 	@test -x $(PENUMBRA) || { echo "build first: make build" >&2; exit 1; }
 	install -D -m 755 $(PENUMBRA) $(DESTDIR)$(PREFIX)/bin/penumbra
+	$(PENUMBRA) man $(TARGET)/man --force
+	install -d $(DESTDIR)$(PREFIX)/share/man/man1
+	install -m 644 $(TARGET)/man/penumbra*.1 $(DESTDIR)$(PREFIX)/share/man/man1/
+	install -d $(addprefix $(DESTDIR)$(PREFIX)/share/,$(dir $(COMPLETIONS)))
+	$(PENUMBRA) completions bash > $(DESTDIR)$(PREFIX)/share/$(word 1,$(COMPLETIONS))
+	$(PENUMBRA) completions zsh > $(DESTDIR)$(PREFIX)/share/$(word 2,$(COMPLETIONS))
+	$(PENUMBRA) completions fish > $(DESTDIR)$(PREFIX)/share/$(word 3,$(COMPLETIONS))
 	sed -e 's#@PREFIX@#$(PREFIX)#g' -e 's#@SYSCONFDIR@#$(SYSCONFDIR)#g' systemd/penumbra.service.in > $(TARGET)/penumbra.service
 	install -D -m 644 $(TARGET)/penumbra.service $(DESTDIR)$(UNITDIR)/penumbra.service
 	install -D -m 644 systemd/70-penumbra.rules $(DESTDIR)$(UDEVDIR)/70-penumbra.rules
@@ -103,10 +112,18 @@ install: ## Program, service, udev rules, user; DESTDIR= PREFIX=/usr/local SYSCO
 	test -e $(DESTDIR)$(SYSCONFDIR)/penumbra/rig.toml || install -m 644 config/rig.toml $(DESTDIR)$(SYSCONFDIR)/penumbra/rig.toml
 	@$(if $(DESTDIR),,systemd-sysusers; systemctl daemon-reload; udevadm control --reload; udevadm trigger -s video4linux -s tty -s usb-serial; echo "edit $(SYSCONFDIR)/penumbra/rig.toml, then: systemctl enable --now penumbra")
 
+deb: build ## A Debian package with documentation, sessions and licences: target/penumbra_VERSION_ARCH.deb
+	@$(UNPACKED) .ci/deb --penumbra $(PENUMBRA) --out $(TARGET) $(ARGS)
+
+tarball: build ## The same files as a tarball: target/penumbra-VERSION-ARCH.tar.xz
+	@$(UNPACKED) .ci/deb --penumbra $(PENUMBRA) --out $(TARGET) --tarball $(ARGS)
+
 uninstall: ## Remove the installed files, but not $(SYSCONFDIR)/penumbra and recordings
 	@$(if $(DESTDIR),,systemctl disable --now penumbra 2>/dev/null || true)
 	rm -f $(DESTDIR)$(PREFIX)/bin/penumbra $(DESTDIR)$(UNITDIR)/penumbra.service
 	rm -f $(DESTDIR)$(UDEVDIR)/70-penumbra.rules $(DESTDIR)$(PREFIX)/lib/sysusers.d/penumbra.conf
+	rm -f $(DESTDIR)$(PREFIX)/share/man/man1/penumbra.1 $(DESTDIR)$(PREFIX)/share/man/man1/penumbra-*.1
+	rm -f $(addprefix $(DESTDIR)$(PREFIX)/share/,$(COMPLETIONS))
 	@$(if $(DESTDIR),,systemctl daemon-reload; udevadm control --reload; userdel penumbra 2>/dev/null || true)
 
 fmt: ## Format all Rust

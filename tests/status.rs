@@ -43,6 +43,11 @@ impl Server {
         }
     }
 
+    /// Counts a composed picture.
+    fn compose(&self) {
+        self.shared.update(|s| s.frames.composed += 1);
+    }
+
     fn connect(&self) -> TcpStream {
         let socket = TcpStream::connect(self.address).unwrap();
         socket.set_read_timeout(Some(TIMEOUT)).unwrap();
@@ -205,7 +210,15 @@ fn unknown_paths_are_404_and_list_the_known_ones() {
 #[test]
 fn status_metrics_and_health_follow_the_rig() {
     let server = Server::start(None);
-    assert_eq!(server.get("/healthz").status, 200, "starting");
+    // Both say that there is no picture yet.
+    let starting = server.get("/healthz");
+    assert_eq!(
+        (starting.status, starting.text().as_str()),
+        (503, "starting: no picture yet\n")
+    );
+    assert_eq!(server.get("/snapshot.png").status, 404);
+    server.compose();
+    assert_eq!(server.get("/healthz").status, 200);
     server.shared.update(|s| {
         s.session
             .enter_because(SessionState::Failed, "the adapter is lost");
@@ -364,6 +377,7 @@ fn serves_sixteen_viewers_at_a_time() {
     let refused = server.get("/stream.mjpeg");
     assert_eq!(refused.status, 503);
     assert!(refused.text().contains("16 viewers are connected already"));
+    server.compose();
     assert_eq!(server.get("/healthz").status, 200);
     drop(viewers);
     server.until("the viewers are disconnected", || {
@@ -695,6 +709,7 @@ fn half_open_requests_shut_nobody_out() {
             socket
         })
         .collect();
+    server.compose();
     for path in ["/healthz", "/status", "/metrics", "/"] {
         assert_eq!(server.get(path).status, 200, "{path}");
     }
@@ -717,6 +732,7 @@ fn viewers_and_refused_clients_leave_places_for_health_and_status() {
         let _ = socket.write_all(request.as_bytes());
         clients.push(socket);
     }
+    server.compose();
     assert_eq!(server.get("/healthz").status, 200);
     let status = server.request("GET /status", &[&authorised], "");
     assert_eq!(status.status, 200);
@@ -753,6 +769,7 @@ fn refuses_requests_without_the_token() {
         assert_eq!(server.get(path).status, 401, "{path}");
     }
     assert_eq!(server.post_settings("{}").status, 401);
+    server.compose();
     assert_eq!(
         server.get("/healthz").status,
         200,
@@ -893,7 +910,7 @@ proptest! {
         let _ = socket.write_all(&[start, &bytes].concat());
         let _ = socket.shutdown(std::net::Shutdown::Write);
         let _ = socket.read_to_end(&mut Vec::new());
-        prop_assert_eq!(server.get("/healthz").status, 200);
+        prop_assert_eq!(server.get("/status").status, 200);
     }
 }
 

@@ -50,16 +50,23 @@ fn service_is_installed_valid_confined_and_removed() {
     };
     let config = "etc/penumbra/rig.toml";
     let unit = "etc/systemd/system/penumbra.service";
+    let (pages, others): (Vec<String>, Vec<String>) = listed()
+        .into_iter()
+        .partition(|name| name.starts_with("usr/local/share/man/man1/penumbra"));
     assert_eq!(
-        listed(),
+        others,
         [
             config,
             unit,
             "etc/udev/rules.d/70-penumbra.rules",
             "usr/local/bin/penumbra",
             "usr/local/lib/sysusers.d/penumbra.conf",
+            "usr/local/share/bash-completion/completions/penumbra",
+            "usr/local/share/fish/vendor_completions.d/penumbra.fish",
+            "usr/local/share/zsh/site-functions/_penumbra",
         ]
     );
+    assert!(pages.len() > 20, "{pages:?}");
     let checked = Command::new(root.join("usr/local/bin/penumbra"))
         .args(["check-config", &root.join(config).display().to_string()])
         .output()

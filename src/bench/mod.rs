@@ -116,10 +116,27 @@ impl BenchOptions {
         self.case.is_none() && self.session.is_none() && !self.session().exists()
     }
 
+    /// Returns the number of rows of the chosen cases, for the progress.
+    #[must_use]
+    pub fn rows(&self) -> usize {
+        let chosen = ROWS.iter().filter(|(case, _)| self.wants(case));
+        chosen.map(|(_, rows)| rows).sum()
+    }
+
     fn wants(&self, name: &str) -> bool {
         self.case.as_deref().is_none_or(|case| case == name)
     }
 }
+
+/// Number of rows of each case.
+const ROWS: [(&str, usize); 6] = [
+    ("supan", 5),
+    ("kakuta2007", 4),
+    ("kakuta2004", 2),
+    ("lightprobe", 9),
+    ("capture", 1),
+    ("live", 4),
+];
 
 /// Runs the chosen cases; `progress` receives each row when it is done. Without `gpu` nothing
 /// is rendered.

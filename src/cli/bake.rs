@@ -2,7 +2,7 @@
 
 use super::files;
 use super::show::set;
-use crate::cli::progress::progress_bar;
+use crate::cli::progress::Progress;
 use anyhow::anyhow;
 use clap::Args;
 use penumbra_compositor::Gpu;
@@ -103,12 +103,12 @@ pub fn run(args: &BakeArgs) -> anyhow::Result<ExitCode> {
     };
     let gpu = Gpu::open(config.gpu.adapter.as_deref())?;
     let begun = Instant::now();
-    let bar = progress_bar("{eta}");
+    let progress = Progress::new("baking");
     let bake = plan.bake(&gpu, &scene, &config.planes, &mut |done, total| {
-        bar.set_position((1000 * done / total.max(1)) as u64);
+        progress.set(done as f64 / total.max(1) as f64);
         ControlFlow::Continue(())
     })?;
-    bar.finish_and_clear();
+    progress.finish();
     let seconds = begun.elapsed().as_secs_f64();
     save(&file, &bake)?;
     if bake.planes.iter().all(|p| p.layer == Layer::Virtual) {

@@ -1,6 +1,7 @@
 //! `penumbra bench`.
 
 use super::files::JsonFile;
+use super::progress::Progress;
 use crate::bench::{BenchOptions, CASES};
 use clap::Args;
 use clap::builder::PossibleValuesParser;
@@ -52,7 +53,15 @@ pub fn run(args: BenchArgs) -> anyhow::Result<ExitCode> {
     } else {
         None
     };
-    let report = crate::bench::run(gpu.as_ref(), &options, &mut |row| super::say(row))?;
+    let progress = Progress::new("benchmark");
+    let rows = options.rows().max(1) as f64;
+    let mut done = 0.0;
+    let report = crate::bench::run(gpu.as_ref(), &options, &mut |row| {
+        progress.aside(|| super::say(row));
+        progress.set(done / rows);
+        done += 1.0;
+    })?;
+    progress.finish();
     if let Some(json) = json {
         json.write(&report)?;
     }

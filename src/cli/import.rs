@@ -1,5 +1,6 @@
 //! `penumbra import`.
 
+use crate::cli::progress::Progress;
 use clap::Args;
 use penumbra_session::import;
 use penumbra_session::import::ImportSummary;
@@ -22,11 +23,14 @@ pub struct ImportArgs {
 
 pub fn run(args: ImportArgs) -> anyhow::Result<ExitCode> {
     let output = args.output.clone();
-    let summary = import::import(&import::ImportArgs {
+    let args = import::ImportArgs {
         folder: args.folder,
         output: args.output,
         force: args.force,
-    })?;
+    };
+    let progress = Progress::new("importing");
+    let summary = import::import(&args, &mut |share| progress.set(share))?;
+    progress.finish();
     super::say(format_args!("{}: {}", output.display(), describe(&summary)));
     Ok(ExitCode::SUCCESS)
 }

@@ -1,7 +1,7 @@
 //! `penumbra light`.
 
 use super::files::refuse_overwriting;
-use anyhow::bail;
+use anyhow::{anyhow, bail};
 use clap::Args;
 use penumbra_config::Config;
 use penumbra_lighting::LightReport;
@@ -33,6 +33,9 @@ pub struct LightArgs {
     /// Overwrite existing files
     #[arg(long)]
     force: bool,
+    /// Print light.json instead of a sentence
+    #[arg(long)]
+    json: bool,
 }
 
 const FILES: [&str; 4] = [
@@ -49,7 +52,14 @@ pub fn run(args: &LightArgs) -> anyhow::Result<ExitCode> {
     }
     let report = report(args)?;
     report.write(&args.out)?;
-    super::say(describe(&report));
+    if args.json {
+        let file = args.out.join("light.json");
+        let text = std::fs::read_to_string(&file)
+            .map_err(|error| anyhow!("{}: cannot be read ({error})", file.display()))?;
+        super::say(text.trim_end());
+    } else {
+        super::say(describe(&report));
+    }
     Ok(ExitCode::SUCCESS)
 }
 

@@ -8,7 +8,9 @@ mod bench;
 mod calibrate;
 mod check;
 mod devices;
+mod examples;
 mod files;
+mod generate;
 mod import;
 mod light;
 mod live;
@@ -21,7 +23,7 @@ mod show;
 mod simulate;
 
 use clap::error::{ContextKind, ContextValue, ErrorKind};
-use clap::{Parser, Subcommand};
+use clap::{CommandFactory as _, FromArgMatches as _, Parser, Subcommand};
 use std::fmt::Display;
 use std::io::{IsTerminal, Write};
 use std::process::ExitCode;
@@ -35,6 +37,14 @@ use tracing_subscriber::EnvFilter;
 struct Cli {
     #[command(subcommand)]
     command: Command,
+    /// Show no progress
+    #[arg(long, short, global = true)]
+    quiet: bool,
+}
+
+/// Returns the definition of the command line, with examples.
+fn command() -> clap::Command {
+    examples::add_to(Cli::command())
 }
 
 #[derive(Debug, Subcommand)]
@@ -65,14 +75,22 @@ enum Command {
     Bench(bench::BenchArgs),
     /// Simulate a device or a rig: a tracker at a pseudo-terminal or over UDP, or recordings
     Simulate(simulate::SimulateArgs),
+    /// Print a shell's completions of this command line
+    Completions(generate::CompletionsArgs),
+    /// Write the man pages of all commands
+    Man(generate::ManArgs),
 }
 
 /// Runs the command of the command line.
 pub fn run() -> ExitCode {
-    let cli = match Cli::try_parse() {
+    let parsed = command().try_get_matches();
+    let cli = match parsed.and_then(|matches| Cli::from_arg_matches(&matches)) {
         Ok(cli) => cli,
         Err(error) => return refuse(&error),
     };
+    if cli.quiet {
+        progress::silence();
+    }
     quiet::silence_device_select();
     start_log();
     let outcome = carry_out(cli.command);
@@ -129,6 +147,8 @@ fn carry_out(command: Command) -> anyhow::Result<ExitCode> {
         Command::Doctor(args) => check::doctor(args),
         Command::Bench(args) => bench::run(args),
         Command::Simulate(args) => simulate::run(args),
+        Command::Completions(args) => generate::completions(&args),
+        Command::Man(args) => generate::man(&args),
     }
 }
 
@@ -190,12 +210,11 @@ fn one_line(text: impl Display) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use clap::CommandFactory;
     use std::fmt::Write as _;
 
     #[test]
     fn command_line_definition_is_consistent() {
-        Cli::command().debug_assert();
+        command().debug_assert();
     }
 
     #[test]
@@ -235,8 +254,9 @@ mod tests {
             "# Command line\n\nGenerated from the program's options. `penumbra COMMAND --help` \
              prints the same.\n",
         );
-        let mut cli = Cli::command();
+        let mut cli = command();
         cli.build();
+        let _ = write!(page, "\n## `penumbra`\n\n```text\n{}\n```\n", help_of(&cli));
         for command in cli.get_subcommands_mut() {
             describe(command, &mut page);
         }
@@ -250,20 +270,18 @@ mod tests {
         }
         let name = command.get_bin_name().unwrap_or_default().to_owned();
         let level = "#".repeat(name.split(' ').count());
-        let help = command.clone().term_width(100).render_long_help();
-        let lines: Vec<String> = help
-            .to_string()
-            .lines()
-            .map(|l| l.trim_end().to_owned())
-            .collect();
-        let _ = write!(
-            page,
-            "\n{level} `{name}`\n\n```text\n{}\n```\n",
-            lines.join("\n").trim_end()
-        );
+        let help = help_of(command);
+        let _ = write!(page, "\n{level} `{name}`\n\n```text\n{help}\n```\n");
         for subcommand in command.get_subcommands_mut() {
             describe(subcommand, page);
         }
+    }
+
+    fn help_of(command: &clap::Command) -> String {
+        let help = command.clone().term_width(100).render_long_help();
+        let help = help.to_string();
+        let lines: Vec<&str> = help.lines().map(str::trim_end).collect();
+        lines.join("\n").trim_end().to_owned()
     }
 
     #[test]

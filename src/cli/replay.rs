@@ -1,6 +1,7 @@
 //! `penumbra replay`.
 
-use super::show::{ShowArgs, address, describe, set, show, status_server};
+use super::progress::Watch;
+use super::show::{ShowArgs, address, describe, set, show, status_server, warn_of_pictures};
 use clap::Args;
 use penumbra_config::{Config, ReplayPairing, ReplaySpeed};
 use penumbra_rig::service::Service;
@@ -60,16 +61,38 @@ pub fn run(args: ReplayArgs) -> anyhow::Result<ExitCode> {
     let source = Source::Recorded(session);
     let name = source.name();
     let options = args.show.options();
+    let watch = watch(&args, &config, &status)?;
     let runner = Runner::new(source, config.clone(), options, status, shutdown.clone())?;
     let address = address(server.as_ref(), &config);
     let service = Service::start(server, shutdown.clone())?;
     let report = show(runner, config, &name, (address, shutdown))?;
-    drop(service);
+    drop((service, watch));
     if let Some(file) = report_file {
         file.write(&report)?;
     }
+    warn_of_pictures(&report);
     super::say(describe(&report));
     Ok(ExitCode::SUCCESS)
+}
+
+/// Shows the progress of a replay that nobody watches: once, without a window.
+fn watch(
+    args: &ReplayArgs,
+    config: &Config,
+    status: &Arc<SharedStatus>,
+) -> anyhow::Result<Option<Watch>> {
+    if config.replay.repeat || config.output.window {
+        return Ok(None);
+    }
+    let (status, limit) = (Arc::clone(status), args.show.frame_limit());
+    let watch = Watch::start("replay", move || {
+        let snapshot = status.snapshot();
+        let composed = snapshot.frames.composed as f64;
+        let by_limit = limit.map(|limit| composed / limit as f64);
+        let by_time = snapshot.session.progress;
+        by_limit.into_iter().chain(by_time).reduce(f64::max)
+    });
+    Ok(Some(watch?))
 }
 
 /// Opens the session and warns about missing or damaged parts.

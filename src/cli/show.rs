@@ -145,6 +145,11 @@ impl ShowArgs {
         config.gpu.adapter = self.adapter.clone().or(config.gpu.adapter.take());
     }
 
+    /// Returns the number of frames after which to stop.
+    pub const fn frame_limit(&self) -> Option<u64> {
+        self.frames
+    }
+
     /// Returns the options that are not part of the configuration.
     pub fn options(&self) -> RunOptions {
         RunOptions {
@@ -213,6 +218,16 @@ pub fn address(server: Option<&StatusServer>, config: &Config) -> Option<String>
     ))
 }
 
+/// Warns of pictures with problems.
+pub fn warn_of_pictures(report: &Report) {
+    for problem in &report.picture_problems {
+        super::warn(format_args!(
+            "{} ({} pictures, from {:.3} s to {:.3} s)",
+            problem.description, problem.pictures, problem.first_seconds, problem.last_seconds
+        ));
+    }
+}
+
 /// Describes the result of a run in one line.
 pub fn describe(report: &Report) -> String {
     let frames = &report.frames;
@@ -220,8 +235,13 @@ pub fn describe(report: &Report) -> String {
         0 => String::new(),
         lost => format!("{lost} lost in damaged parts of the file, "),
     };
+    let reason = match (frames.without_pose, report.inputs.poses) {
+        (0, _) => "",
+        (_, 0) => " (the tracker sent no readings)",
+        _ => " (no reading of the tracker at their time)",
+    };
     format!(
-        "{} frames composed, {} skipped, {} damaged, {lost}{} without pose; {:.1} s on {}",
+        "{} frames composed, {} skipped, {} damaged, {lost}{} without pose{reason}; {:.1} s on {}",
         frames.composed,
         frames.skipped,
         frames.damaged,

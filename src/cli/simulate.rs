@@ -1,7 +1,7 @@
 //! `penumbra simulate`.
 
 use crate::cli::files::{JsonFile, claim};
-use crate::cli::progress::progress_bar;
+use crate::cli::progress::Progress;
 use anyhow::anyhow;
 use clap::{Args, Subcommand};
 use penumbra_calibration::simulation::{SimulatedRig, SimulationOptions};
@@ -113,11 +113,11 @@ fn session(args: SessionArgs) -> anyhow::Result<ExitCode> {
     if args.force && args.out.is_file() {
         std::fs::remove_file(&args.out)?;
     }
-    let bar = progress_bar("{eta}");
+    let progress = Progress::new("simulating");
     let simulation = SimulatedRig::new(args.rig);
-    let report = |share: f64| bar.set_position((1000.0 * share) as u64);
+    let report = |share: f64| progress.set(share);
     let ground_truth = record_simulation(&simulation, &args.out, report)?;
-    bar.finish_and_clear();
+    progress.finish();
     if let Some(file) = truth {
         file.write(&ground_truth)?;
     }

@@ -320,6 +320,29 @@ pub(super) fn changed_keys(text: &TomlText) -> std::result::Result<Vec<String>, 
     Ok(out)
 }
 
+/// Returns all settings with the values in effect: those of the file, else the documented defaults.
+pub(super) fn effective(text: &TomlText) -> std::result::Result<toml::Table, TomlError> {
+    let mut all: toml::Table = TomlText::new("rig.toml", DEFAULTS).parse()?;
+    overlay(&mut all, text.parse()?);
+    let token = all.get_mut("status").and_then(|s| s.get_mut("token"));
+    if let Some(token) = token {
+        *token = toml::Value::String("(set)".to_owned());
+    }
+    Ok(all)
+}
+
+/// Replaces the values of `all` by those given.
+fn overlay(all: &mut toml::Table, given: toml::Table) {
+    for (key, value) in given {
+        match (all.get_mut(&key), value) {
+            (Some(toml::Value::Table(known)), toml::Value::Table(given)) => overlay(known, given),
+            (_, value) => {
+                all.insert(key, value);
+            }
+        }
+    }
+}
+
 /// The keys of a table in one line.
 fn one_line(table: &toml::Value) -> String {
     let keys = table.as_table().into_iter().flatten();

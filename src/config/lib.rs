@@ -415,6 +415,9 @@ impl Config {
 pub struct Summary {
     /// The settings that differ from their default: `section.key = value`.
     pub changed: Vec<String>,
+    /// All settings with the values in effect, as a configuration. A setting without a value is
+    /// absent; a token is hidden.
+    pub effective: toml::Table,
     /// All settings.
     pub config: Config,
 }
@@ -439,7 +442,12 @@ pub fn check_config(path: &Path) -> Result<Summary, ConfigError> {
     if let SceneChoice::File(scene) = &config.scene {
         SceneAddition::load(scene)?;
     }
-    Ok(Summary { changed, config })
+    let effective = convert::effective(&text)?;
+    Ok(Summary {
+        changed,
+        effective,
+        config,
+    })
 }
 
 #[cfg(test)]

@@ -628,3 +628,19 @@ fn former_words_of_the_command_line_have_a_message() {
     assert_eq!(renamed_word("--technique", "light"), None);
     assert_eq!(renamed_word("", "intrinsics"), None);
 }
+
+#[test]
+fn effective_settings_are_the_defaults_and_the_changes() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("rig.toml");
+    let text = "[status]\ntoken = \"0123456789abcdef\"\n\n[scene_camera]\nbuffers = 7\n";
+    std::fs::write(&file, text).unwrap();
+    let all = check_config(&file).unwrap().effective;
+    assert_eq!(all["scene_camera"]["buffers"].as_integer(), Some(7));
+    assert_eq!(all["scene_camera"]["device"].as_str(), Some("auto"));
+    assert_eq!(all["status"]["token"].as_str(), Some("(set)"));
+    // It is a configuration again.
+    let token = all.to_string().replace("(set)", "0123456789abcdef");
+    std::fs::write(&file, token).unwrap();
+    assert_eq!(check_config(&file).unwrap().effective, all);
+}

@@ -9,6 +9,7 @@ mod devices;
 mod graphics;
 mod machine;
 
+use serde::Serialize;
 use std::fmt;
 use std::net::SocketAddr;
 use std::path::PathBuf;
@@ -38,7 +39,8 @@ impl Default for DoctorOptions {
 }
 
 /// Outcome of a check.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+#[serde(rename_all = "lowercase")]
 pub enum State {
     /// Works.
     Ok,
@@ -49,7 +51,7 @@ pub enum State {
 }
 
 /// One check.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Check {
     /// Subject.
     pub name: &'static str,
@@ -89,7 +91,7 @@ impl Check {
 }
 
 /// All checks, in the order in which to fix them.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Report {
     /// The checks.
     pub checks: Vec<Check>,

@@ -5,10 +5,10 @@ use glam::{DMat3, DQuat, DVec2, DVec3};
 use penumbra_camera::{EnvironmentView, FisheyeLens, MirrorSphere};
 use penumbra_camera::{PinholeCamera, Response};
 use penumbra_interface::RigidTransform;
-use penumbra_picture::{MAX_PICTURE_BYTES, MAX_PIXELS, Picture, read_bounded, read_text_bounded};
+use penumbra_picture::{MAX_PICTURE_BYTES, Picture, PictureError, read_bounded, read_text_bounded};
 use serde::Deserialize;
 use std::f64::consts::PI;
-use std::io::{self, Cursor};
+use std::io;
 use std::path::{Path, PathBuf};
 
 /// The optics of a photograph.
@@ -66,12 +66,12 @@ pub enum PhotographError {
         source: io::Error,
     },
     /// The file is not a picture.
-    #[error("{path} is not a JPEG or PNG picture: {source}")]
+    #[error("{path} is not a JPEG or PNG picture, or it is damaged: {source}")]
     Decode {
         /// The file.
         path: PathBuf,
         /// The cause.
-        source: image::ImageError,
+        source: PictureError,
     },
     /// The file is not a calibration.
     #[error("calibration {path}: {reason}")]
@@ -256,25 +256,8 @@ pub fn read_picture(path: &Path) -> Result<Picture, PhotographError> {
         source,
     };
     let bytes = read_bounded(path, MAX_PICTURE_BYTES).map_err(unreadable)?;
-    let open = || image::ImageReader::new(Cursor::new(&bytes)).with_guessed_format();
-    let (width, height) = open()
-        .map_err(unreadable)?
-        .into_dimensions()
-        .map_err(damaged)?;
-    if u64::from(width) * u64::from(height) > MAX_PIXELS {
-        let reason = format!("{width}x{height} pixels, more than 64 Mpixel; scale it down");
-        return Err(unreadable(io::Error::new(
-            io::ErrorKind::FileTooLarge,
-            reason,
-        )));
-    }
-    let decoded = open().map_err(unreadable)?.decode().map_err(damaged)?;
-    let rgba = decoded.into_rgba8();
-    Ok(Picture {
-        width: rgba.width(),
-        height: rgba.height(),
-        rgba: rgba.into_raw(),
-    })
+    // A JPEG that was cut off is refused: its missing part would be taken for dark surroundings.
+    Picture::from_file_bytes(&bytes).map_err(damaged)
 }
 
 #[cfg(test)]

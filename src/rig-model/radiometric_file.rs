@@ -49,6 +49,22 @@ pub struct CameraRecord {
     /// Noise of a pixel.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub noise: Option<NoiseRecord>,
+    /// Colours of a chart; stated only, the rig does not use them.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub colours: Option<ColoursRecord>,
+}
+
+/// A camera's colours of a chart, compared with the chart's reference.
+#[derive(Clone, Debug, PartialEq, Deserialize, Serialize)]
+pub struct ColoursRecord {
+    /// Mean CIEDE2000 with the exposure corrected.
+    pub delta_e_as_shown: f64,
+    /// The same, white balanced on the grey row.
+    pub delta_e_balanced: f64,
+    /// The same, with `matrix`.
+    pub delta_e_matrix: f64,
+    /// reference = matrix × camera, linear, row by row.
+    pub matrix: [[f64; 3]; 3],
 }
 
 impl CameraRecord {

@@ -41,6 +41,7 @@ mod journal;
 mod latency_monitor;
 pub mod light;
 mod pace;
+mod picture_problems;
 mod planes;
 mod poses;
 pub mod prepare;

@@ -328,8 +328,12 @@ impl Job {
     }
 }
 
+/// Maximum time that is stated until the disk is full, seconds: 30 days. A longer one means that hardly
+/// anything arrives, such as without a camera, and would end with its first picture.
+const MAX_SECONDS_LEFT: f64 = 30.0 * 86_400.0;
+
 /// Returns the time until the recording ends, seconds: the smaller of the time until the disk is
-/// full at the mean data rate and the time until the maximum duration.
+/// full at the mean data rate and the time until the maximum duration. `None` if neither is known.
 fn seconds_left(
     recording: &Recording,
     reserve: u64,
@@ -338,6 +342,7 @@ fn seconds_left(
     let rate = recording.bytes as f64 / recording.seconds;
     let free = recording.free_bytes?.saturating_sub(reserve) as f64;
     let until_full = (recording.seconds > 1.0 && rate > 0.0).then(|| free / rate);
+    let until_full = until_full.filter(|seconds| *seconds <= MAX_SECONDS_LEFT);
     let until_end = max_duration.map(|max| (max.as_secs_f64() - recording.seconds).max(0.0));
     [until_full, until_end]
         .into_iter()

@@ -1,6 +1,7 @@
 //! The report of a replay, written by `--report FILE.json`.
 
 use crate::damage::DamagedPart;
+use crate::picture_problems::PictureProblem;
 use penumbra_config::Quality;
 use penumbra_status::StageTimes;
 use penumbra_sync::PairingCounts;
@@ -28,6 +29,8 @@ pub struct Report {
     pub inputs: InputCounts,
     /// The damaged parts of the file, at most 256, and what they held.
     pub damage: Vec<DamagedPart>,
+    /// Problems of single pictures: damaged pictures of the environment camera, wrong sizes.
+    pub picture_problems: Vec<PictureProblem>,
     /// Age of the environment picture at the exposure of the scene picture, milliseconds.
     pub skew_ms: Skew,
     /// The tracker's latency; null if it was not measured.

@@ -11,6 +11,7 @@ use crate::latency_monitor::LatencyState;
 use crate::light::blended::LightSpan;
 use crate::light::state::LightState;
 use crate::light::updates::SceneUpdates;
+use crate::picture_problems::PictureProblems;
 use crate::planes::PlaneBakes;
 use crate::poses::PoseFile;
 use crate::rates::Rates;
@@ -77,6 +78,7 @@ pub(super) struct Run {
     stages: StageTimes,
     pub frames: FrameCounts,
     pub damage: DamageLog,
+    problems: PictureProblems,
     inputs: InputCounts,
     counts: Option<Counts>,
     latency: LatencyState,
@@ -133,6 +135,7 @@ impl Run {
             requested: context.status.settings_receiver(),
             stages: StageTimes::default(),
             frames: FrameCounts::default(),
+            problems: PictureProblems::default(),
             damage: match &context.source {
                 Source::Recorded(session) => DamageLog::new(session.damage(), &context.status),
                 Source::Live(_) => DamageLog::default(),
@@ -396,6 +399,9 @@ impl Run {
     fn count(&mut self, prepared: &PreparedFrame) {
         let frame = &prepared.frame;
         self.frames.composed += 1;
+        if let Some(warning) = &prepared.warning {
+            self.problems.add(warning, prepared.seconds);
+        }
         match &frame.pose {
             None if prepared.registration.source == RegistrationSource::Markers => (),
             None => self.frames.without_pose += 1,
@@ -508,6 +514,7 @@ impl Run {
             frames: self.frames,
             inputs: self.inputs,
             damage: self.damage.parts,
+            picture_problems: self.problems.into_list(),
             skew_ms: self.skew.skew(),
             tracker_latency: crate::latency_status::report(&self.latency),
             white_balance: self.light.white_balance.map(|status| (*status).clone()),

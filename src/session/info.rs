@@ -6,7 +6,7 @@ use super::events::{LEADS_OUT, Unreadable};
 use super::messages::recorded_time;
 use super::reader::Session;
 use super::records::{self, MessageHeader, op, records_in};
-use super::topics::Role;
+use super::topics::{Camera, Role};
 use penumbra_interface::MonotonicTime;
 use std::collections::BTreeMap;
 use std::fmt::Write;
@@ -35,7 +35,8 @@ pub struct StreamInfo {
     pub gaps: u64,
     /// The longest interval, nanoseconds.
     pub longest_interval_nanos: i64,
-    /// Number of images missing by the camera's counter.
+    /// Number of images missing by the camera's counter, which counts base exposures and brackets;
+    /// stated once for a camera, at the first of its image streams.
     pub lost: u64,
 }
 
@@ -52,25 +53,36 @@ impl StreamInfo {
 struct Tally {
     times: Vec<i64>,
     bytes: u64,
-    lost: u64,
-    sequence: Option<u32>,
+}
+
+/// Counter of a camera's images in all of its streams: arrival, value.
+#[derive(Default)]
+struct Counter(Vec<(u64, u32)>);
+
+impl Counter {
+    /// Returns the number of images missing. Base exposure and brackets share the counter; what a
+    /// camera always leaves out, such as pictures between two exposures, is not lost.
+    fn lost(&mut self) -> u64 {
+        self.0.sort_unstable();
+        let steps = self.0.windows(2).map(|w| w[1].1.wrapping_sub(w[0].1));
+        // A counter that restarts or repeats does not indicate losses.
+        let mut steps: Vec<u32> = steps.filter(|s| (1..1 << 31).contains(s)).collect();
+        steps.sort_unstable();
+        let Some(&usual) = steps.get(steps.len() / 2) else {
+            return 0;
+        };
+        let lost = steps.iter().map(|step| (step / usual).saturating_sub(1));
+        lost.map(u64::from).sum()
+    }
 }
 
 impl Tally {
-    fn add(&mut self, header: &MessageHeader, bytes: u64, counted: bool) {
+    fn add(&mut self, header: &MessageHeader, bytes: u64) {
         self.times.push(recorded_time(header.log_time).as_nanos());
         self.bytes += bytes;
-        let step = self
-            .sequence
-            .map_or(1, |previous| header.sequence.wrapping_sub(previous));
-        // A counter that restarts or repeats does not indicate losses.
-        if counted && (2..1 << 31).contains(&step) {
-            self.lost += u64::from(step - 1);
-        }
-        self.sequence = Some(header.sequence);
     }
 
-    fn summarise(mut self, topic: String) -> Option<StreamInfo> {
+    fn summarise(mut self, topic: String, lost: u64) -> Option<StreamInfo> {
         self.times.sort_unstable();
         let (first, last) = (*self.times.first()?, *self.times.last()?);
         let mut intervals: Vec<_> = self
@@ -90,7 +102,7 @@ impl Tally {
             rate_hz: median.filter(|m| *m > 0).map(|m| 1e9 / m as f64),
             gaps: intervals.iter().filter(is_gap).count() as u64,
             longest_interval_nanos: intervals.last().copied().unwrap_or(0),
-            lost: self.lost,
+            lost,
         })
     }
 }
@@ -116,6 +128,7 @@ fn survey(session: &Session) -> Result<Survey, SessionError> {
     let container = &session.container;
     let (mut file, _) = open(session.path())?;
     let mut tallies: BTreeMap<&str, Tally> = BTreeMap::new();
+    let mut counters: BTreeMap<Camera, Counter> = BTreeMap::new();
     let mut damage = Vec::new();
     // Its messages are read only to find those that cannot be.
     let mut events = session.events();
@@ -142,16 +155,25 @@ fn survey(session: &Session) -> Result<Survey, SessionError> {
             let Some(channel) = session.channels.get(&header.channel_id) else {
                 continue;
             };
-            let counted = matches!(Role::from_topic(&channel.topic), Some(Role::Image(_)));
+            if let Some(Role::Image(camera)) = Role::from_topic(&channel.topic) {
+                let counter = counters.entry(camera).or_default();
+                counter.0.push((header.log_time, header.sequence));
+            }
             let tally = tallies.entry(&channel.topic).or_default();
-            tally.add(&header, body.len() as u64, counted);
+            tally.add(&header, body.len() as u64);
             events.read_message(&chunk, placed, &mut unreadable);
         }
         damage.extend(unreadable.error(session, place));
     }
-    let infos = tallies
-        .into_iter()
-        .filter_map(|(topic, tally)| tally.summarise(topic.to_owned()));
+    // Topics are sorted: a camera's base exposure comes before its brackets.
+    let infos = tallies.into_iter().filter_map(|(topic, tally)| {
+        let counter = match Role::from_topic(topic) {
+            Some(Role::Image(camera)) => counters.remove(&camera),
+            _ => None,
+        };
+        let lost = counter.map_or(0, |mut counter| counter.lost());
+        tally.summarise(topic.to_owned(), lost)
+    });
     Ok(Survey {
         streams: infos.collect(),
         damage,

@@ -408,6 +408,24 @@ fn recorded_elsewhere(compression: mcap::Compression) -> Vec<u8> {
 }
 
 #[test]
+fn brackets_are_not_lost_frames_of_the_base_exposure() {
+    let cursor = Cursor::new(Vec::new());
+    let mut writer = SessionWriter::new(cursor, Path::new("memory")).unwrap();
+    let scene = picture(0, 10_000_000, 0.0);
+    writer.frame(Camera::Scene, &scene).unwrap();
+    // The camera counts base exposures and brackets; picture 7 is lost.
+    for i in (0..12).filter(|i| *i != 7) {
+        let ev = [0.0, -4.0, -8.0][i % 3];
+        let frame = picture(i as u64, 10_000_000 * (i as i64 + 1), ev);
+        writer.frame(Camera::Environment, &frame).unwrap();
+    }
+    let bytes = writer.finish().unwrap().into_inner();
+    let (_folder, session) = opened(&bytes).unwrap();
+    let lost: Vec<u64> = session.streams().unwrap().iter().map(|s| s.lost).collect();
+    assert_eq!(lost, [1, 0, 0, 0]);
+}
+
+#[test]
 fn counts_messages_gaps_and_lost_frames() {
     let cursor = Cursor::new(Vec::new());
     let mut writer = SessionWriter::new(cursor, Path::new("memory")).unwrap();

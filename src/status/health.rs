@@ -4,34 +4,33 @@ use super::snapshot::{SessionState, Snapshot};
 
 /// Maximum time without a new picture while a session runs, milliseconds.
 const MAX_FRAME_AGE_MS: f64 = 5_000.0;
-/// Maximum time for starting (opening devices, compiling shaders), seconds.
+/// Usual time for starting (opening devices, compiling shaders), seconds.
 const MAX_START_SECONDS: f64 = 60.0;
 
-/// Describes a healthy rig in one sentence.
+/// Describes a healthy rig in one sentence. It is healthy from its first picture on.
 ///
 /// # Errors
 /// The reason why the rig is not healthy.
 pub fn health(snapshot: &Snapshot) -> Result<String, String> {
     let description = &snapshot.session.description;
-    match snapshot.session.state {
-        SessionState::Failed => Err(format!("failed: {description}")),
-        SessionState::Paused | SessionState::Ended => Ok(format!("idle: {description}")),
-        SessionState::Starting => starting(snapshot.program.uptime_seconds),
-        SessionState::Live | SessionState::Replaying => flowing(snapshot),
+    match (snapshot.session.state, snapshot.frames.last_age_ms) {
+        (SessionState::Failed, _) => Err(format!("failed: {description}")),
+        (_, None) => Err(starting(snapshot.program.uptime_seconds)),
+        (SessionState::Paused | SessionState::Ended, _) => Ok(format!("idle: {description}")),
+        (SessionState::Starting | SessionState::Live | SessionState::Replaying, Some(age)) => {
+            flowing(snapshot, age)
+        }
     }
 }
 
-fn starting(uptime_seconds: f64) -> Result<String, String> {
+fn starting(uptime_seconds: f64) -> String {
     if uptime_seconds <= MAX_START_SECONDS {
-        return Ok("starting".to_owned());
+        return "starting: no picture yet".to_owned();
     }
-    Err(format!("no picture {uptime_seconds:.0} s after the start"))
+    format!("no picture {uptime_seconds:.0} s after the start")
 }
 
-fn flowing(snapshot: &Snapshot) -> Result<String, String> {
-    let Some(age) = snapshot.frames.last_age_ms else {
-        return starting(snapshot.program.uptime_seconds);
-    };
+fn flowing(snapshot: &Snapshot, age: f64) -> Result<String, String> {
     if age <= MAX_FRAME_AGE_MS {
         return Ok(format!("{:.1} frames/s", snapshot.frames.per_second));
     }
@@ -67,10 +66,16 @@ mod tests {
     }
 
     #[test]
-    fn start_without_pictures_is_healthy_for_a_minute() {
-        for state in [SessionState::Starting, SessionState::Live] {
-            assert!(health(&snapshot(state, 20.0, None)).is_ok());
-            assert!(health(&snapshot(state, 61.0, None)).is_err());
+    fn start_without_pictures_is_not_healthy() {
+        for state in [
+            SessionState::Starting,
+            SessionState::Live,
+            SessionState::Paused,
+        ] {
+            let start = health(&snapshot(state, 20.0, None));
+            assert_eq!(start.unwrap_err(), "starting: no picture yet");
+            let late = health(&snapshot(state, 61.0, None));
+            assert_eq!(late.unwrap_err(), "no picture 61 s after the start");
         }
     }
 

@@ -64,7 +64,9 @@ impl Desk {
     /// Returns the program as a command, on a machine without a desktop.
     pub fn command<S: AsRef<OsStr>>(&self, arguments: &[S]) -> Command {
         let mut command = Command::new(env!("CARGO_BIN_EXE_penumbra"));
-        command.args(arguments).current_dir(self.folder.path());
+        // On a slow machine the progress would mix with the messages that tests count.
+        command.arg("--quiet").args(arguments);
+        command.current_dir(self.folder.path());
         let desktop = [
             "DISPLAY",
             "WAYLAND_DISPLAY",

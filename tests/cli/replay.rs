@@ -3,6 +3,7 @@
 use crate::program::{Desk, desk_session, text};
 use crate::sessions::{put_rig_folder, put_tum_folder, put_with_flipped_byte, scene_frames};
 use penumbra_picture::{Picture, YuvEncoding};
+use penumbra_session::{Camera, Session, SessionEvent, SessionWriter};
 
 const QUIET: &str = "--headless --speed max --listen 127.0.0.1:0";
 
@@ -288,5 +289,44 @@ fn wrong_station_is_said_once() {
     assert!(
         error.contains("no reading of station 2") && error.contains("stations seen: 1;"),
         "{error}"
+    );
+}
+
+#[test]
+fn damaged_environment_pictures_are_named_and_counted() {
+    let desk = Desk::new();
+    let session = Session::open(&desk_session()).unwrap();
+    let mut writer = SessionWriter::create(&desk.path("dark.mcap")).unwrap();
+    for attachment in session.attachments() {
+        writer.attach(&attachment.name, &attachment.data).unwrap();
+    }
+    let mut base = 0;
+    for event in session.events() {
+        match event.unwrap() {
+            SessionEvent::Scene(frame) => writer.frame(Camera::Scene, &frame).unwrap(),
+            SessionEvent::Environment(mut frame) => {
+                base += u32::from(frame.bracket_ev == 0.0);
+                if base == 2 && frame.bracket_ev == 0.0 {
+                    frame.data = frame.data.slice(..frame.data.len() / 2);
+                }
+                writer.frame(Camera::Environment, &frame).unwrap();
+            }
+            _ => (),
+        }
+    }
+    writer.finish().unwrap();
+    let output = desk.run(&format!(
+        "replay dark.mcap {QUIET} --light-count 0 --frames 25 --report report.json"
+    ));
+    let error = text(&output.stderr);
+    assert!(output.status.success(), "{error}");
+    assert!(error.contains("environment picture"), "{error}");
+    let problems = desk.json("report.json")["picture_problems"].clone();
+    assert_eq!(problems[0]["pictures"], 1, "{problems}");
+    // The recording has no tracker.
+    let printed = text(&output.stdout);
+    assert!(
+        printed.contains("25 without pose (the tracker sent no readings)"),
+        "{printed}"
     );
 }

@@ -50,6 +50,46 @@ fn check_config_lists_changed_settings() {
 }
 
 #[test]
+fn tools_print_json_for_scripts() {
+    let desk = Desk::new();
+    let json = |line: &str| -> serde_json::Value {
+        let printed = desk.works(line);
+        serde_json::from_str(&printed).unwrap_or_else(|e| panic!("{line}: {e}: {printed}"))
+    };
+    let info = json("info DESK --json");
+    assert_eq!(info["tracker_protocol"], "fastrak");
+    let streams = info["streams"].as_array().unwrap();
+    let environment = streams
+        .iter()
+        .find(|s| s["topic"] == "/environment_camera/image");
+    // Its brackets are no lost pictures.
+    assert_eq!(environment.unwrap()["lost"], 0);
+    let doctor = json("doctor --listen 127.0.0.1:0 --json");
+    assert_eq!(doctor["checks"][0]["state"], "ok");
+    desk.put("rig.toml", "[shadows]\nmode = \"subtract\"\n");
+    let config = json("check-config rig.toml --json");
+    assert_eq!(config["effective"]["shadows"]["mode"], "subtract");
+    assert_eq!(config["effective"]["scene"]["file"], "session");
+    let all = desk.works("check-config rig.toml --all");
+    desk.put("all.toml", all);
+    desk.works("check-config all.toml");
+}
+
+#[test]
+fn completions_and_man_pages_are_generated() {
+    let desk = Desk::new();
+    let script = desk.works("completions bash");
+    assert!(script.contains("--frames-out"), "{script}");
+    desk.works("man pages");
+    assert!(
+        desk.names("pages")
+            .contains(&"penumbra-replay.1".to_owned())
+    );
+    let output = desk.run("man pages");
+    assert!(!output.status.success() && text(&output.stderr).contains("--force"));
+}
+
+#[test]
 fn doctor_fails_if_the_program_cannot_work() {
     let desk = Desk::new();
     let output = desk.run("doctor --adapter nonesuch --listen 127.0.0.1:0");

@@ -5,7 +5,7 @@ use super::super::intrinsics::Grey;
 use super::image_circle::{ImageCircle, image_circle};
 use super::inputs::{EnvironmentCameraKind, Inputs};
 use super::rays::{RAYS, side};
-use super::sphere_outline::{NoOutline, Outline, RoughSphere, outline};
+use super::sphere_outline::{Outline, RoughSphere, best_outline};
 use super::view::View;
 use crate::summary::Summary;
 use glam::{DVec2, DVec3};
@@ -244,21 +244,16 @@ fn sphere(inputs: &Inputs, summary: &mut Summary) -> Option<Optics> {
     }
     let radius = inputs.known.rig.mirror_sphere.as_ref()?.radius;
     let planes = inputs.gathered.mean.planes();
-    let mut best: Option<Outline> = None;
-    let mut last = NoOutline::None;
-    for rough in rough_spheres(inputs) {
-        match outline(&planes, &camera, rough) {
-            Ok(found) if best.as_ref().is_none_or(|b| found.score() > b.score()) => {
-                best = Some(found)
-            }
-            Ok(_) => {}
-            Err(why) => last = why,
+    let found = match best_outline(&planes, &camera, rough_spheres(inputs)) {
+        Ok(found) => found,
+        Err(why) => {
+            summary.finding(Grade::Refused, why);
+            return None;
         }
-    }
-    let Some(found) = best else {
-        summary.finding(Grade::Refused, last);
-        return None;
     };
+    if let Some(click) = inputs.options.rough_sphere {
+        check_click(&found, &camera, click, summary);
+    }
     describe_outline(&found, &camera, radius, summary);
     Some(Optics {
         view: View::Pinhole(camera),
@@ -299,13 +294,32 @@ fn describe_outline(found: &Outline, camera: &PinholeCamera, radius: f64, summar
     }
 }
 
+/// Maximum distance of the clicked position from the sphere's centre, its radii.
+const MAX_CLICK_DISTANCE: f64 = 0.6;
+
+/// Compares the outline with the position that the user clicked on.
+fn check_click(found: &Outline, camera: &PinholeCamera, click: RoughSphere, summary: &mut Summary) {
+    let radius = found.half_angle.tan() * camera.focal.min_element();
+    let centre = camera.project(found.axis).unwrap_or(DVec2::INFINITY);
+    let apart = centre.distance(click.centre);
+    if apart.is_nan() || apart > MAX_CLICK_DISTANCE * radius {
+        summary.finding(
+            Grade::Refused,
+            format!(
+                "the outline found has its centre at ({:.0}, {:.0}) and a radius of {radius:.0} px, {apart:.0} px from the position given; give the radius, too: --click X,Y,RADIUS",
+                centre.x, centre.y
+            ),
+        );
+    }
+}
+
 /// Returns the positions at which to search for the sphere: the user's; else the picture's centre, a
 /// round shape in the picture, and the position by the rig.
 fn rough_spheres(inputs: &Inputs) -> Vec<RoughSphere> {
-    if let Some(click) = inputs.options.rough_sphere {
-        return vec![click];
-    }
     let (w, h) = inputs.gathered.mean.size;
+    if let Some(click) = inputs.options.rough_sphere {
+        return click.candidates(DVec2::new(f64::from(w), f64::from(h)));
+    }
     let picture_centre = 0.5 * DVec2::new(f64::from(w), f64::from(h));
     let round = sphere_outline(&inputs.gathered.mean.picture());
     let by_rig = sphere_by_rig(inputs);

@@ -173,6 +173,27 @@ pub fn outline(
     })
 }
 
+/// Returns the best of the outlines at several approximate positions.
+///
+/// # Errors
+/// There is an outline at none of them.
+pub fn best_outline(
+    planes: &[Grey; 3],
+    camera: &PinholeCamera,
+    positions: impl IntoIterator<Item = RoughSphere>,
+) -> Result<Outline, NoOutline> {
+    let mut best: Result<Outline, NoOutline> = Err(NoOutline::None);
+    for rough in positions {
+        match (outline(planes, camera, rough), &best) {
+            (Ok(found), Ok(known)) if found.score() <= known.score() => {}
+            (Ok(found), _) => best = Ok(found),
+            (Err(why), Err(_)) => best = Err(why),
+            (Err(_), Ok(_)) => {}
+        }
+    }
+    best
+}
+
 /// Cone, its steps, number of visible rays, spread (pixels), σ of axis and half angle (radians).
 type Fitted = (DVec3, Vec<DVec2>, usize, f64, (f64, f64));
 

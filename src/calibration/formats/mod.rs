@@ -1,13 +1,15 @@
-//! Camera parameters in other programs' files: OpenCV's FileStorage YAML, ROS's `camera_info`
-//! YAML and Kalibr's camchain YAML.
+//! Camera parameters in other programs' files: OpenCV's FileStorage YAML and XML, ROS's
+//! `camera_info` YAML, Kalibr's camchain YAML and Basalt's JSON.
 //!
-//! `yaml` parses the document, `fields` reads typed values from it; `opencv`, `ros` and `kalibr`
-//! read and write the dialects.
+//! `yaml` and `xml` parse the document, `fields` reads typed values from it; `opencv`, `ros` and
+//! `kalibr` read and write the dialects; `basalt` reads its own.
 
+mod basalt;
 mod fields;
 mod kalibr;
 mod opencv;
 mod ros;
+mod xml;
 mod yaml;
 
 use fields::Fields;
@@ -37,13 +39,19 @@ pub struct NamedLens {
 /// Errors of reading or writing a file. Each message names the place and the remedy.
 #[derive(Clone, Debug, Error, PartialEq, Eq)]
 pub enum FormatError {
-    /// The file is not valid in the supported subset of YAML.
+    /// The file is not valid in the supported subset of YAML or XML.
     #[error("line {line}: {reason}")]
     Syntax {
         /// Line number, from 1.
         line: usize,
         /// The problem.
         reason: &'static str,
+    },
+    /// The file is not Basalt's JSON.
+    #[error("is not a calibration of Basalt: {message}")]
+    Json {
+        /// The problem and its position.
+        message: String,
     },
     /// A required key is missing.
     #[error("key `{key}` is missing; add it ({expected})")]
@@ -63,9 +71,10 @@ pub enum FormatError {
         /// Required value.
         expected: &'static str,
     },
-    /// The file has none of the three dialects.
+    /// The file has none of the dialects.
     #[error(
-        "no camera found: expected OpenCV's camera_matrix, ROS's distortion_model or Kalibr's cam0"
+        "no camera found: expected OpenCV's camera_matrix, ROS's distortion_model, Kalibr's cam0 or Basalt's \
+         value0"
     )]
     Unknown,
     /// The format cannot express the lens.
@@ -82,13 +91,20 @@ pub enum FormatError {
 
 type Result<T> = std::result::Result<T, FormatError>;
 
-/// Reads all cameras of a file in any of the three dialects. `size` is the pictures' size in
+/// Reads all cameras of a file in any of the dialects. `size` is the pictures' size in
 /// pixels, used where the file has none (OpenCV's stereo files).
 ///
 /// # Errors
-/// The text is not valid YAML, has no camera, or a key is missing or has a wrong value.
+/// The text is not valid YAML, XML or JSON, has no camera, or a key is missing or has a wrong value.
 pub fn read(text: &str, size: Option<(u32, u32)>) -> Result<Vec<NamedLens>> {
-    let document = yaml::parse(text)?;
+    if basalt::is_basalt(text) {
+        return basalt::read(text);
+    }
+    let document = if text.trim_start().starts_with('<') {
+        xml::parse(text)?
+    } else {
+        yaml::parse(text)?
+    };
     let root = Fields::root(&document)?;
     if root.find("camera_model").is_some() || root.find("cam0").is_some() {
         kalibr::read(&root)

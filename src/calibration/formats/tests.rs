@@ -162,3 +162,79 @@ proptest! {
         let _ = read(&String::from_utf8_lossy(&bytes), None);
     }
 }
+
+const OPENCV_XML: &str = r#"<?xml version="1.0"?>
+<!-- written by cv::FileStorage -->
+<opencv_storage>
+<calibration_time>"Tue 24 Nov 2026"</calibration_time>
+<image_width>640</image_width>
+<image_height>480</image_height>
+<camera_matrix type_id="opencv-matrix">
+  <rows>3</rows>
+  <cols>3</cols>
+  <dt>d</dt>
+  <data>
+    5.3591573396163199e+02 0. 3.4228315473308373e+02 0.
+    5.3591573396163199e+02 2.3557082909788173e+02 0. 0. 1.</data></camera_matrix>
+<distortion_coefficients type_id="opencv-matrix">
+  <rows>5</rows>
+  <cols>1</cols>
+  <dt>d</dt>
+  <data>
+    -2.66e-01 -3.85e-02 1.78e-03 -2.81e-04 2.38e-01</data></distortion_coefficients>
+<avg_reprojection_error>3.9e-01</avg_reprojection_error>
+</opencv_storage>
+"#;
+
+#[test]
+fn reads_xml_of_opencv() {
+    let lenses = read(OPENCV_XML, None).unwrap();
+    let lens = &lenses[0].lens;
+    assert_eq!((lenses.len(), lens.width, lens.height), (1, 640, 480));
+    assert_eq!(lens.model, LensModel::Brown);
+    assert!((lens.focal.x - 535.915_733_961_632).abs() < 1e-9);
+    assert!((lens.centre.y - 235.570_829_097_881_73).abs() < 1e-9);
+    assert_eq!(lens.coefficients[4], 0.238);
+}
+
+#[test]
+fn damaged_xml_is_refused_with_its_line() {
+    for (from, to, line) in [
+        ("</camera_matrix>", "</camera>", 13),
+        ("<rows>3</rows>", "<rows>&three;</rows>", 8),
+        ("-->", "", 2),
+        ("</opencv_storage>\n", "", 21),
+    ] {
+        let error = read(&OPENCV_XML.replacen(from, to, 1), None).unwrap_err();
+        let expected = format!("line {line}: ");
+        assert!(error.to_string().starts_with(&expected), "{to}: {error}");
+    }
+}
+
+const KB4: &str = r#"{"camera_type": "kb4", "intrinsics": {"fx": 190.9, "fy": 190.8, "cx": 254.9,
+    "cy": 256.8, "k1": 0.0034, "k2": 0.0007, "k3": -0.002, "k4": 0.0002}}"#;
+
+#[test]
+fn reads_json_of_basalt() {
+    let file = |cameras: &str| {
+        format!(
+            "{{\"value0\": {{\"T_imu_cam\": [], \"intrinsics\": [{cameras}],
+            \"resolution\": [[512, 512], [512, 512]]}}}}"
+        )
+    };
+    let lenses = read(&file(KB4), None).unwrap();
+    let lens = &lenses[0].lens;
+    assert_eq!(lens.model, LensModel::KannalaBrandt);
+    assert_eq!((lens.focal.x, lens.coefficients[2]), (190.9, -0.002));
+    assert_eq!((lens.width, lenses[0].name.as_str()), (512, "cam0"));
+    let missing = KB4.replace(r#""k2": 0.0007, "#, "");
+    let double_sphere = format!("{KB4}, {}", KB4.replace("kb4", "ds"));
+    for (cameras, expected) in [
+        (missing, "value0.intrinsics[0].intrinsics.k2"),
+        (double_sphere, "value0.intrinsics[1].camera_type"),
+        ("{".to_owned(), "not a calibration of Basalt"),
+    ] {
+        let error = read(&file(&cameras), None).unwrap_err().to_string();
+        assert!(error.contains(expected), "{error}");
+    }
+}

@@ -53,7 +53,7 @@ impl Assessment {
         let share = rejected as f64 / views.max(1) as f64;
         check(
             share,
-            (0.2, 0.5),
+            (0.2, 0.3),
             Finding::RejectedViews { rejected, views },
         );
         let degrees = tilt.max().to_degrees();

@@ -93,6 +93,34 @@ pub enum Finding {
     /// The pictures are of several cameras or modes.
     #[error("the pictures have several sizes; use pictures of one camera in one mode")]
     SizesDiffer,
+    /// Some pictures have another size than the first.
+    #[error(
+        "{other} of {pictures} pictures are not {width}×{height} like the first and were left out; use pictures of one camera in one mode"
+    )]
+    SizesMixed {
+        /// Number of pictures that were left out.
+        other: usize,
+        /// Number of all pictures.
+        pictures: usize,
+        /// Width of the pictures used, pixels.
+        width: u32,
+        /// Height of the pictures used, pixels.
+        height: u32,
+    },
+    /// The views that contradict the lens fit another one.
+    #[error(
+        "{others} of {views} views fit another lens (focal length {focal:.0} px) than the rest ({used:.0} px); use pictures of one camera at one zoom and focus"
+    )]
+    TwoCameras {
+        /// Number of views of the other lens.
+        others: usize,
+        /// Number of all views.
+        views: usize,
+        /// Focal length of the other lens, pixels.
+        focal: f64,
+        /// Focal length of the lens that fits most views, pixels.
+        used: f64,
+    },
     /// Too few views for a reliable result.
     #[error("only {used} views were used; take 15 or more")]
     FewViews {

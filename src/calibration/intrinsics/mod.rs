@@ -2,8 +2,8 @@
 //!
 //! In the order of data flow: `detect` and `tag_finder` find corners and tags, `tags` and `layout`
 //! assign them to the points of a `board`, `view_collector` selects views, `initial_estimate`,
-//! `bundle` and `outliers` estimate the lens (`estimate`), `coverage`, `rim`, `evidence` and
-//! `consistency_checks` assess it (`findings`, `assessment`), `sharpness` measures the spread of a
+//! `bundle` and `outliers` estimate the lens (`estimate`), `coverage`, `rim`, `mixture`, `evidence`
+//! and `consistency_checks` assess it (`findings`, `assessment`), `sharpness` measures the spread of a
 //! point on the board's edges, `step` and `report` present it.
 
 pub mod assessment;
@@ -17,6 +17,7 @@ mod findings;
 pub(crate) mod homography;
 mod initial_estimate;
 pub mod layout;
+mod mixture;
 mod outliers;
 mod pose;
 pub mod report;

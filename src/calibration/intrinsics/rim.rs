@@ -17,6 +17,9 @@ const MIN_LIT_CODE: f32 = 12.0;
 /// Maximum standard deviation of a determined direction's projection, pixels of a picture 1280
 /// wide.
 const MAX_SIGMA: f64 = 3.0;
+/// Maximum ratio of the determined angle to the largest angle of corners. Farther out the polynomial
+/// is extrapolated, and the standard deviation omits that the real lens does not follow it.
+const MAX_EXTRAPOLATION: f64 = 1.05;
 /// Step of the outward search, radians.
 const STEP: f64 = 0.5 * PI / 180.0;
 
@@ -86,8 +89,9 @@ impl Light {
 pub struct Rim {
     /// Largest angle at which corners were seen.
     pub seen: f64,
-    /// Angle to which the corners determine the lens: the projection is monotonic and its standard
-    /// deviation at most three pixels.
+    /// Angle to which the corners determine the lens: at most a twentieth beyond the outermost
+    /// corner, and only as far as the projection is monotonic with a standard deviation of at most
+    /// three pixels.
     pub known: f64,
     /// Largest angle from which light comes; `None` without pictures.
     pub lit: Option<f64>,
@@ -136,8 +140,11 @@ fn known_angle(estimate: &Estimate, seen: f64) -> f64 {
             nearer.is_some_and(|q| q.distance(lens.centre) < p.pixel.distance(lens.centre));
         is_monotonic && deviation(&gathered, &estimate.covariance) <= limit
     };
+    let farthest = (MAX_EXTRAPOLATION * seen).min(PI);
     let mut theta = seen;
-    while theta + STEP < PI && (0..8).all(|k| is_known(theta + STEP, f64::from(k) * TAU / 8.0)) {
+    while theta + STEP < farthest
+        && (0..8).all(|k| is_known(theta + STEP, f64::from(k) * TAU / 8.0))
+    {
         theta += STEP;
     }
     theta
@@ -183,6 +190,14 @@ mod tests {
         assert!(wide.seen > narrow.seen + 0.3, "{wide:?} {narrow:?}");
         for rim in [wide, narrow] {
             assert!(rim.known >= rim.seen && rim.lit.is_none(), "{rim:?}");
+        }
+    }
+
+    #[test]
+    fn lens_is_not_known_far_beyond_outermost_corners() {
+        for (distance, lateral) in [(0.12, 0.9), (0.4, 0.2), (0.2, 0.4)] {
+            let rim = Rim::from_estimate(&found(distance, lateral), &Light::default()).unwrap();
+            assert!(rim.known <= 1.05 * rim.seen, "{rim:?}");
         }
     }
 

@@ -8,6 +8,7 @@ use super::detect::{Grey, NoChessboard, find_chessboard};
 use super::estimate::{Estimate, Options, estimate_some};
 use super::evidence::{ChessEvidence, TagEvidence};
 use super::findings::Finding;
+use super::mixture::two_cameras;
 use super::rim::{Light, Rim};
 use super::tag_finder::TagFinder;
 use glam::DVec2;
@@ -294,6 +295,10 @@ impl ViewCollector {
                 best = simpler;
             }
         }
+        let simplest = min_coefficients(options.model);
+        if let Some(finding) = two_cameras(&best.0.estimate, &self.views, options, simplest) {
+            best.1.add(Grade::Refused, finding);
+        }
         Ok(best)
     }
 
@@ -318,6 +323,9 @@ impl ViewCollector {
         if let Some(finding) = self.tags.foreign_tags_finding() {
             assessment.add(Grade::Usable, finding);
         }
+        if let Some(finding) = self.mixed_sizes() {
+            assessment.add(Grade::Usable, finding);
+        }
         let assessed = AssessedLens {
             rim,
             estimate,
@@ -328,10 +336,21 @@ impl ViewCollector {
         Ok((assessed, assessment))
     }
 
+    /// Returns a finding if pictures were left out because of their size.
+    fn mixed_sizes(&self) -> Option<Finding> {
+        let (width, height) = self.size?;
+        (self.other_size > 0).then_some(Finding::SizesMixed {
+            other: self.other_size,
+            pictures: self.pictures,
+            width,
+            height,
+        })
+    }
+
     /// Checks that the board is the given one and that the pictures are from one camera.
     fn check_board(&self) -> Result<(), Finding> {
         let pictures = self.pictures;
-        if 2 * self.other_size > pictures {
+        if 2 * self.other_size >= pictures && self.other_size > 0 {
             return Err(Finding::SizesDiffer);
         }
         self.tags.check(&self.board)?;

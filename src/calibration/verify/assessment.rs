@@ -10,6 +10,8 @@ use penumbra_white_balance::Provenance;
 const REPROJECTION: [f64; 2] = [1.0, 3.0];
 /// Minimum number of corners for an assessment.
 const MIN_CORNERS: usize = 80;
+/// Maximum share of the corners that the tracker's pose may put out of the camera's sight.
+const MAX_UNSEEN: f64 = 0.1;
 /// Maximum median CIEDE2000: good (hardly visible side by side), usable (clearly visible).
 const COLOUR: [f64; 2] = [2.0, 5.0];
 /// Maximum deviation from the calibrated latency, milliseconds: good, usable. A rotation of 60°/s
@@ -80,6 +82,20 @@ impl Assessment {
                 "calibrate the map and the lens again; look for a marker that was moved",
             )
         };
+        if let Some(r) = found.filter(|r| r.unseen > 0 && r.corners + r.unseen >= MIN_CORNERS) {
+            let (unseen, all) = (r.unseen, r.corners + r.unseen);
+            if unseen as f64 > MAX_UNSEEN * all as f64 {
+                self.findings.push((
+                    Grade::Refused,
+                    format!(
+                        "the pose from {source} puts {unseen} of {all} corners of markers out of the camera's sight, \
+                         although it sees them: the mounting of tracker and camera is wrong or missing; \
+                         run `calibrate tracker` and check again with --rig"
+                    ),
+                ));
+                return;
+            }
+        }
         let Some(r) = found.filter(|r| r.corners >= MIN_CORNERS) else {
             let corners = found.map_or(0, |r| r.corners);
             self.findings.push((
@@ -201,7 +217,29 @@ mod tests {
             max: 2.0 * rms,
             mean: DVec2::ZERO,
             corners: 400,
+            unseen: 0,
         }
+    }
+
+    #[test]
+    fn corners_out_of_sight_are_named_instead_of_an_error() {
+        let mut measured = measured();
+        measured.by_tracker = Some(Reprojection {
+            rms: f64::NAN,
+            corners: 0,
+            unseen: 400,
+            ..reprojection(1.0)
+        });
+        let assessment = Assessment::from_measurements(&measured);
+        assert_eq!(assessment.grade(), Grade::Refused);
+        let text = &assessment.findings[0].1;
+        assert!(text.contains("400 of 400 corners"), "{text}");
+        assert!(text.contains("calibrate tracker"), "{text}");
+        let figures = assessment.lines.join(" ");
+        assert!(
+            !figures.contains("NaN") && !figures.contains("10000"),
+            "{figures}"
+        );
     }
 
     fn measured() -> Measurements {

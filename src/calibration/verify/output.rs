@@ -35,9 +35,12 @@ pub(super) fn result_file(
     let record = Record {
         header: found.header("verify", provenance),
         figures: found.lines.clone(),
-        reprojection_px: reprojection.map(|r| r.rms),
-        reprojection_sigma_px: reprojection.map(|r| r.sigma),
-        among_markers_px: measured.leave_one_out.map(|r| r.rms),
+        reprojection_px: reprojection.map(|r| r.rms).filter(|v| v.is_finite()),
+        reprojection_sigma_px: reprojection.map(|r| r.sigma).filter(|v| v.is_finite()),
+        among_markers_px: measured
+            .leave_one_out
+            .map(|r| r.rms)
+            .filter(|v| v.is_finite()),
         delta_e: measured.colours.map(|c| c.delta_e),
         latency_ms: latency.map(|l| 1e3 * l.seconds),
         latency_sigma_ms: latency.map(|l| 1e3 * l.sigma),
@@ -61,19 +64,20 @@ pub(super) fn report(
         y: y.to_owned(),
         series: vec![("corners".to_owned(), points, false)],
     };
-    if !corners.is_empty() {
+    if corners.iter().any(|c| c.error.is_some()) {
         page.heading("Markers");
-        let over_time = corners.iter().map(|c| (c.seconds, c.error.length()));
+        let seen = || corners.iter().filter_map(|c| Some((c, c.error?)));
+        let over_time = seen().map(|(c, error)| (c.seconds, error.length()));
         page.plot(
             &plot("s", "reprojection error, px", over_time.collect()),
             "Error over time: growth indicates drift, correlation with motion indicates latency.",
         );
-        let scatter = corners.iter().map(|c| (c.error.x, c.error.y));
+        let scatter = seen().map(|(_, error)| (error.x, error.y));
         page.plot(
             &plot("px to the right", "px down", scatter.collect()),
             "Error vectors: detected minus predicted corner positions.",
         );
-        let over_columns = corners.iter().map(|c| (c.pixel.x, c.error.length()));
+        let over_columns = seen().map(|(c, error)| (c.pixel.x, error.length()));
         page.plot(
             &plot(
                 "column, px",

@@ -6,16 +6,14 @@ use penumbra_fiducials::{Registrar, TagMap, TagObservation};
 use penumbra_interface::{MonotonicTime, RigidTransform};
 use penumbra_numerics::{median, root_mean_square};
 
-/// Larger errors are counted as this much, pixels.
-const MAX_ERROR: f64 = 1e4;
-
 /// Reprojection error of a tag's corner: detected minus predicted.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CornerError {
     /// Detected position, pixels.
     pub pixel: DVec2,
-    /// Detected minus predicted position, pixels.
-    pub error: DVec2,
+    /// Detected minus predicted position, pixels; `None` if the pose puts the corner behind the
+    /// camera or outside the lens's range.
+    pub error: Option<DVec2>,
     /// Seconds since the first picture.
     pub seconds: f64,
 }
@@ -36,11 +34,9 @@ pub fn add_pose_errors(
         };
         for (corner, pixel) in known.corners().into_iter().zip(tag.corners) {
             let predicted = camera.project(camera_from_world.transform_point(corner));
-            // Behind the camera or outside the lens's range: counted with the maximum error.
-            let error = predicted.map_or(DVec2::splat(MAX_ERROR), |predicted| pixel - predicted);
             out.push(CornerError {
                 pixel,
-                error: error.clamp_length_max(MAX_ERROR),
+                error: predicted.map(|predicted| pixel - predicted),
                 seconds,
             });
         }
@@ -83,22 +79,35 @@ pub struct Reprojection {
     pub max: f64,
     /// Mean error, pixels: the systematic part, from a wrong mounting, map or lens.
     pub mean: DVec2,
-    /// Number of corners.
+    /// Number of corners with an error.
     pub corners: usize,
+    /// Number of corners without: the pose puts them behind the camera or outside the lens's range.
+    pub unseen: usize,
 }
 
-/// Summarises the errors; `None` without corners.
+/// Summarises the errors; `None` without corners. Without a corner that has an error, the figures
+/// are not numbers.
 #[must_use]
 pub fn summarise(all: &[CornerError]) -> Option<Reprojection> {
-    let lengths = || all.iter().map(|c| c.error.length());
-    let rms = root_mean_square(lengths());
+    if all.is_empty() {
+        return None;
+    }
+    let errors = || all.iter().filter_map(|c| c.error);
+    let lengths = || errors().map(DVec2::length);
+    let corners = lengths().count();
+    let rms = if corners == 0 {
+        f64::NAN
+    } else {
+        root_mean_square(lengths())
+    };
     Some(Reprojection {
         rms,
         sigma: standard_error(all, rms),
-        median: median(lengths())?,
+        median: median(lengths()).unwrap_or(f64::NAN),
         max: lengths().fold(0.0, f64::max),
-        mean: all.iter().map(|c| c.error).sum::<DVec2>() / all.len() as f64,
-        corners: all.len(),
+        mean: errors().sum::<DVec2>() / corners as f64,
+        corners,
+        unseen: all.len() - corners,
     })
 }
 
@@ -106,8 +115,9 @@ pub fn summarise(all: &[CornerError]) -> Option<Reprojection> {
 fn standard_error(all: &[CornerError], rms: f64) -> f64 {
     let mut seconds: Vec<(i64, f64, f64)> = Vec::new();
     for corner in all {
+        let Some(error) = corner.error else { continue };
         let second = corner.seconds.floor() as i64;
-        let square = corner.error.length_squared();
+        let square = error.length_squared();
         match seconds.iter_mut().find(|s| s.0 == second) {
             Some(s) => (s.1, s.2) = (s.1 + square, s.2 + 1.0),
             None => seconds.push((second, square, 1.0)),
@@ -183,7 +193,10 @@ mod tests {
         let mut out = Vec::new();
         let at = MonotonicTime::from_nanos(0);
         add_leave_one_out_errors(&camera(), &map(), &tags, at, 0.0, &mut out);
-        let moved = out.iter().filter(|c| (c.error.x - 4.0).abs() < 0.2).count();
+        let moved = out
+            .iter()
+            .filter(|c| c.error.is_some_and(|e| (e.x - 4.0).abs() < 0.2))
+            .count();
         assert!(moved >= 4, "{out:?}");
     }
 
@@ -191,11 +204,23 @@ mod tests {
     fn standard_error_decreases_with_time() {
         let corner = |i: usize| CornerError {
             pixel: DVec2::ZERO,
-            error: DVec2::new([1.0, 2.0, 0.5, 1.5][i % 4], 0.0),
+            error: Some(DVec2::new([1.0, 2.0, 0.5, 1.5][i % 4], 0.0)),
             seconds: i as f64,
         };
         let summary = |n: usize| summarise(&(0..n).map(corner).collect::<Vec<_>>()).unwrap();
         assert!(summary(64).sigma < 0.5 * summary(8).sigma);
         assert!(summarise(&[]).is_none());
+    }
+
+    #[test]
+    fn corners_behind_the_camera_have_no_error() {
+        let tags = observations(&map(), pose(), DVec2::ZERO);
+        let mut out = Vec::new();
+        let turn = RigidTransform::new(DQuat::from_rotation_y(std::f64::consts::PI), DVec3::ZERO);
+        let away = pose().inverse() * turn;
+        add_pose_errors(&camera(), &map(), &tags, away, 0.0, &mut out);
+        let summary = summarise(&out).unwrap();
+        assert_eq!((summary.corners, summary.unseen), (0, 12));
+        assert!(summary.rms.is_nan(), "{summary:?}");
     }
 }

@@ -2,10 +2,9 @@
 
 use super::live::{self, LiveArgs};
 use crate::cli::files::{claim, write};
-use crate::cli::progress::progress_bar;
+use crate::cli::progress::Progress as Line;
 use anyhow::{Context as _, anyhow, bail};
 use clap::Args;
-use indicatif::ProgressBar;
 use penumbra_calibration::step::{CalibrationProvenance, Finished, Progress, Step};
 use penumbra_config::Config;
 use penumbra_rig::RigFiles;
@@ -18,6 +17,7 @@ use penumbra_rig::wall_date::iso_now;
 use penumbra_rig_model::Grade;
 use penumbra_rig_model::RigDocument;
 use penumbra_session::Session;
+use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -55,6 +55,9 @@ pub struct OutputArgs {
     /// Overwrite existing files
     #[arg(long)]
     pub force: bool,
+    /// Print the result as JSON
+    #[arg(long)]
+    json: bool,
 }
 
 /// Destination of a calibration.
@@ -128,9 +131,9 @@ impl OutputArgs {
             let found = live::run_step(step, &config, &self.live, device_note)?;
             return self.conclude(step.name(), &found, &destination);
         };
-        self.run_step_with(&path.display().to_string(), step, |step, bar| {
+        self.run_step_with(&path.display().to_string(), step, |step, line| {
             let session = Session::open(path)?;
-            let report = |share: f64, progress: &Progress| show_progress(bar, share, progress);
+            let report = |share: f64, progress: &Progress| show_progress(line, share, progress);
             Ok(feed_session(
                 &session,
                 &config,
@@ -147,12 +150,12 @@ impl OutputArgs {
         &self,
         source: &str,
         step: &mut S,
-        feed: impl FnOnce(&mut S, &ProgressBar) -> anyhow::Result<usize>,
+        feed: impl FnOnce(&mut S, &Line) -> anyhow::Result<usize>,
     ) -> anyhow::Result<ExitCode> {
         let destination = self.destination(step, false)?;
-        let bar = progress_bar("{msg}");
-        let damaged = feed(step, &bar)?;
-        bar.finish_and_clear();
+        let line = Line::new(step.name());
+        let damaged = feed(step, &line)?;
+        line.finish();
         if damaged > 0 {
             crate::cli::warn(format_args!("{damaged} damaged pictures were skipped"));
         }
@@ -199,21 +202,16 @@ impl OutputArgs {
         found: &Finished,
         destination: &Destination,
     ) -> anyhow::Result<ExitCode> {
-        print_result(found);
-        let written = self.write(step, found, destination)?;
-        let what = match step {
-            "verify" => "check",
-            _ => "calibration",
+        let written = if self.json {
+            let written = self.write(step, found, destination)?;
+            crate::cli::say(serde_json::to_string_pretty(&result(found, &written))?);
+            written
+        } else {
+            print_result(found);
+            let written = self.write(step, found, destination)?;
+            print_files(step, &written);
+            written
         };
-        for (what, path) in [
-            ("report", &written.report),
-            (what, &written.file),
-            ("backup", &written.backup),
-        ] {
-            if let Some(path) = path {
-                crate::cli::say(format_args!("{what}: {}", path.display()));
-            }
-        }
         if found.grade != Grade::Refused {
             return Ok(ExitCode::SUCCESS);
         }
@@ -271,13 +269,45 @@ fn newer_files(path: &Path) -> anyhow::Result<RigFiles> {
     Ok(RigFiles::at(path)?)
 }
 
-/// Shows a step's progress on the bar; `share` is that of the input, 0 to 1.
-pub fn show_progress(bar: &ProgressBar, share: f64, progress: &Progress) {
-    bar.set_position((1000.0 * share) as u64);
-    bar.set_message(match progress.hint.as_str() {
+/// Shows a step's progress; `share` is that of the input, 0 to 1.
+pub fn show_progress(line: &Line, share: f64, progress: &Progress) {
+    let text = match progress.hint.as_str() {
         "" => progress.message.clone(),
         hint => format!("{}; {hint}", progress.message),
-    });
+    };
+    line.show(share, &text);
+}
+
+/// Returns grade, results, findings, hints and files for scripts.
+fn result(found: &Finished, written: &WrittenFiles) -> Value {
+    let findings = found.findings.iter();
+    let findings = findings.map(|(grade, text)| json!({ "grade": grade.name(), "text": text }));
+    json!({
+        "grade": found.grade.name(),
+        "figures": found.lines,
+        "findings": findings.collect::<Vec<_>>(),
+        "next": found.hints,
+        "file": written.file,
+        "report": written.report,
+        "backup": written.backup,
+    })
+}
+
+/// Prints the names of the files.
+fn print_files(step: &str, written: &WrittenFiles) {
+    let what = match step {
+        "verify" => "check",
+        _ => "calibration",
+    };
+    for (what, path) in [
+        ("report", &written.report),
+        (what, &written.file),
+        ("backup", &written.backup),
+    ] {
+        if let Some(path) = path {
+            crate::cli::say(format_args!("{what}: {}", path.display()));
+        }
+    }
 }
 
 /// Prints grade, results, findings and hints.

@@ -1,7 +1,7 @@
 //! `penumbra calibrate convert`.
 
 use crate::cli::files::{claim, write};
-use anyhow::{Context, anyhow, bail};
+use anyhow::{anyhow, bail};
 use clap::{Args, ValueEnum};
 use penumbra_calibration::formats::{self, Dialect, NamedLens};
 use penumbra_picture::read_bounded;
@@ -12,7 +12,7 @@ use std::process::ExitCode;
 
 #[derive(Debug, Args)]
 pub struct ConvertArgs {
-    /// OpenCV's, ROS's or Kalibr's YAML, or Penumbra's JSON
+    /// OpenCV's YAML or XML, ROS's or Kalibr's YAML, Basalt's or Penumbra's JSON
     #[arg(value_name = "FILE")]
     from: PathBuf,
     /// Output format
@@ -55,7 +55,8 @@ fn size(text: &str) -> Result<(u32, u32), String> {
 pub fn run(args: &ConvertArgs) -> anyhow::Result<ExitCode> {
     claim(&args.out, args.force)?;
     let source = args.from.display().to_string();
-    let bytes = read_bounded(&args.from, 64 << 20).with_context(|| source.clone())?;
+    let bytes = read_bounded(&args.from, 64 << 20)
+        .map_err(|error| anyhow!("{source}: cannot be read ({error})"))?;
     let camera = selected(lenses(&source, &bytes, args.size)?, args)?;
     let text = match args.to {
         Format::Penumbra => {
@@ -72,10 +73,11 @@ pub fn run(args: &ConvertArgs) -> anyhow::Result<ExitCode> {
 
 /// Reads the lenses of a file in any of the formats; `source` is its name.
 fn lenses(source: &str, bytes: &[u8], size: Option<(u32, u32)>) -> anyhow::Result<Vec<NamedLens>> {
-    if Path::new(source)
+    let text = std::str::from_utf8(bytes).map_err(|_| anyhow!("{source}: is not text"))?;
+    let is_json = Path::new(source)
         .extension()
-        .is_some_and(|e| e.eq_ignore_ascii_case("json"))
-    {
+        .is_some_and(|e| e.eq_ignore_ascii_case("json"));
+    if is_json && !text.contains("\"value0\"") {
         let record = LensRecord::parse(source, bytes)?;
         let lens = record.lens(source)?;
         return Ok(vec![NamedLens {
@@ -83,7 +85,6 @@ fn lenses(source: &str, bytes: &[u8], size: Option<(u32, u32)>) -> anyhow::Resul
             lens,
         }]);
     }
-    let text = std::str::from_utf8(bytes).map_err(|_| anyhow!("{source}: is not text"))?;
     formats::read(text, size).map_err(|e| anyhow!("{source}: {e}"))
 }
 

@@ -1,7 +1,7 @@
 //! `penumbra calibrate environment`.
 
 use super::args::InputArgs;
-use anyhow::{Context, bail};
+use anyhow::{anyhow, bail};
 use clap::{Args, ValueEnum};
 use glam::{DVec2, DVec3};
 use penumbra_calibration::environment_camera_calibration::{
@@ -131,6 +131,6 @@ fn clicked_pairs(args: &EnvironmentArgs) -> anyhow::Result<Vec<Click>> {
         return Ok(Vec::new());
     };
     let name = path.display().to_string();
-    let text = read_text_bounded(path, 16 << 20).with_context(|| name.clone())?;
-    parse_clicks(&text).with_context(|| name)
+    let text = read_text_bounded(path, 16 << 20).map_err(|error| anyhow!("{name}: {error}"))?;
+    parse_clicks(&text).map_err(|error| anyhow!("{name}: {error}"))
 }

@@ -131,10 +131,10 @@ impl IntrinsicsArgs {
         let mut step = self.step(KnownLenses::default());
         let source = folder.display().to_string();
         self.with_corners(&mut step, |step| {
-            self.output.run_step_with(&source, step, |step, bar| {
+            self.output.run_step_with(&source, step, |step, line| {
                 Ok(for_each_picture(folder, |file: FolderPicture| {
                     step.add_picture(&file.name, file.picture);
-                    show_progress(bar, file.share, &step.progress());
+                    show_progress(line, file.share, &step.progress());
                 })?)
             })
         })

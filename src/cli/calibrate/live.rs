@@ -1,11 +1,10 @@
 //! Runs a calibration step on the live rig: opens the configured devices, shows a progress bar and
 //! the picture in a browser, and ends at Enter or Ctrl-C.
 
-use crate::cli::progress::progress_bar;
+use crate::cli::progress::Progress as Line;
 use crate::cli::show::{address, status_server};
 use anyhow::bail;
 use clap::Args;
-use indicatif::ProgressBar;
 use penumbra_calibration::step::{CalibrationProvenance, Finished, Step};
 use penumbra_config::Config;
 use penumbra_interface::threads;
@@ -152,7 +151,7 @@ fn observe(
     let tracker = live.files.document(config).ok();
     let tracker = tracker.and_then(|rig| rig.calibration.tracker);
     let wants = step.inputs();
-    let bar = progress_bar("{msg}");
+    let line = Line::new(step.name());
     if std::io::stderr().is_terminal() {
         crate::cli::say("Enter or Ctrl-C finishes the step; Ctrl-C again aborts");
     }
@@ -164,24 +163,23 @@ fn observe(
     };
     let reason = feed.run(step, &mut |update| {
         let problem = devices::device_problem(&wants, live.supervised());
-        show_update(&bar, update, problem.as_deref());
+        show_update(&line, update, problem.as_deref());
         match monitor.update(update, problem) {
             StepRequest::Continue if signals.take() => StepRequest::Finish,
             request => request,
         }
     });
-    bar.finish_and_clear();
+    line.finish();
     reason
 }
 
 /// Shows the progress, and the problem of a device or else the step's hint.
-fn show_update(bar: &ProgressBar, update: &StepUpdate, problem: Option<&str>) {
+fn show_update(line: &Line, update: &StepUpdate, problem: Option<&str>) {
     let progress = update.progress;
-    bar.set_position((1000.0 * progress.share) as u64);
     let advice = problem.unwrap_or(&progress.hint);
     let parts = [progress.message.as_str(), advice];
     let parts: Vec<&str> = parts.into_iter().filter(|p| !p.is_empty()).collect();
-    bar.set_message(parts.join("; "));
+    line.show(progress.share, &parts.join("; "));
 }
 
 /// Evaluates the step. A signal meanwhile ends the program: nothing has been written yet, and the

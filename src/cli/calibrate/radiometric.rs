@@ -2,9 +2,9 @@
 
 use super::args::{OutputArgs, show_progress};
 use super::folder::{picture, pictures};
-use anyhow::{Context as _, bail};
+use crate::cli::progress::Progress as Line;
+use anyhow::{Context as _, anyhow, bail};
 use clap::{Args, ValueEnum};
-use indicatif::ProgressBar;
 use penumbra_calibration::radiometric::reference::Edition;
 use penumbra_calibration::radiometric::step::{Radiometric, RadiometricOptions};
 use penumbra_calibration::step::{CameraRole, PictureInput, Progress, Step as _, StepInput};
@@ -108,9 +108,9 @@ pub fn run(args: &RadiometricArgs) -> anyhow::Result<ExitCode> {
         return args.output.run_step(None, None, &mut step);
     }
     args.output
-        .run_step_with(&args.source(), &mut step, |step, bar| {
+        .run_step_with(&args.source(), &mut step, |step, line| {
             let damaged = match &session {
-                Some(session) => observe_session(session, &config, rig.as_ref(), step, bar)?,
+                Some(session) => observe_session(session, &config, rig.as_ref(), step, line)?,
                 None => 0,
             };
             for (camera, files) in [
@@ -159,7 +159,7 @@ fn rig(args: &RadiometricArgs, session: Option<&Session>) -> anyhow::Result<Opti
     };
     let bytes = read_bounded(path, 16 << 20)
         .with_context(|| format!("{}: cannot be read", path.display()))?;
-    let rig = RigDocument::parse(&bytes).with_context(|| path.display().to_string())?;
+    let rig = RigDocument::parse(&bytes).map_err(|error| anyhow!("{}: {error}", path.display()))?;
     Ok(Some(rig))
 }
 
@@ -186,7 +186,7 @@ fn observe_session(
     config: &Config,
     rig: Option<&RigDocument>,
     step: &mut Radiometric,
-    bar: &ProgressBar,
+    line: &Line,
 ) -> anyhow::Result<usize> {
     if let Some(chart) = rig.and_then(|rig| rig.calibration.chart.as_ref()) {
         for (camera, name) in [
@@ -194,12 +194,13 @@ fn observe_session(
             (CameraRole::Environment, &chart.environment_picture),
         ] {
             if let Some(bytes) = session.attachment(name) {
-                let picture = Picture::from_file_bytes(bytes).with_context(|| name.clone())?;
+                let picture =
+                    Picture::from_file_bytes(bytes).map_err(|error| anyhow!("{name}: {error}"))?;
                 observe_picture(step, camera, &picture, 0);
             }
         }
     }
-    let report = |share: f64, progress: &Progress| show_progress(bar, share, progress);
+    let report = |share: f64, progress: &Progress| show_progress(line, share, progress);
     let damaged = feed_session(session, config, None, step, report);
     if let Some(estimates) = rig.and_then(|rig| estimate_from_overlap(session, config, rig)) {
         if let Some((gains, pairs)) = estimates.gains {

@@ -265,3 +265,16 @@ fn grey_sphere_gives_grey_environment() {
         assert!(folder.path().join(file).metadata().unwrap().len() > 100);
     }
 }
+
+#[test]
+fn photograph_that_was_cut_off_is_refused() {
+    let Some(folder) = shared("data/probes-fisheye/chrome_ball_lights") else {
+        return;
+    };
+    let bytes = std::fs::read(folder.join("Image_01.JPG")).unwrap();
+    let cut = std::env::temp_dir().join(format!("penumbra-cut-off-{}.jpg", std::process::id()));
+    std::fs::write(&cut, &bytes[..bytes.len() / 2]).unwrap();
+    let text = read_picture(&cut).unwrap_err().to_string();
+    std::fs::remove_file(&cut).unwrap();
+    assert!(text.contains("damaged"), "{text}");
+}

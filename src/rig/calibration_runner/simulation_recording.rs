@@ -80,6 +80,7 @@ fn record(
     let mut encoder = JpegEncoder::new(JPEG_QUALITY)?;
     let mut truth = Vec::new();
     let count = events.len();
+    let mut pictures = [0_u64; 2];
     for (i, (arrival, at, event)) in events.into_iter().enumerate() {
         match event {
             Event::Record => {
@@ -87,7 +88,11 @@ fn record(
                 writer.tracker_bytes("fastrak", record.as_bytes(), instant(arrival))?;
             }
             Event::Picture(camera) => {
-                let frame = frame(simulation, camera, (arrival, at), &mut random, &mut encoder)?;
+                let mut frame =
+                    frame(simulation, camera, (arrival, at), &mut random, &mut encoder)?;
+                let counter = &mut pictures[usize::from(camera == Camera::Environment)];
+                frame.sequence = *counter;
+                *counter += 1;
                 if camera == Camera::Scene {
                     truth.push(FrameTruth {
                         stamp: frame.captured_at.as_nanos(),
@@ -172,7 +177,7 @@ fn frame(
         width,
         height,
         stride: 0,
-        sequence: (at * 1000.0) as u64,
+        sequence: 0,
         captured_at: instant(at + simulation.options.camera_latency),
         arrived_at: instant(arrival),
         exposure: None,

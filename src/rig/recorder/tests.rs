@@ -228,4 +228,13 @@ fn seconds_left_is_limited_by_free_space_and_duration() {
     let max_duration = Some(Duration::from_secs(15));
     assert_eq!(seconds_left(&recording, 1000, max_duration), Some(5.0));
     assert_eq!(seconds_left(&recording, 9000, None), Some(0.0));
+    // Without a camera hardly anything arrives: no 126 years.
+    let empty = Recording {
+        bytes: 400,
+        seconds: 20.0,
+        free_bytes: Some(80_000_000_000),
+        ..Recording::default()
+    };
+    assert_eq!(seconds_left(&empty, 1000, None), None);
+    assert_eq!(seconds_left(&empty, 1000, max_duration), Some(0.0));
 }

@@ -14,7 +14,6 @@ pub use error::ImportError;
 
 use super::{Attachment, Camera, SessionError, SessionWriter};
 use folder::Folder;
-use indicatif::{ProgressBar, ProgressStyle};
 use penumbra_interface::{Frame, MonotonicTime, PixelFormat, PoseSample, RigidTransform};
 use std::ffi::OsString;
 use std::fs::{self, File};
@@ -83,16 +82,20 @@ struct Plan {
 type FileWriter = SessionWriter<BufWriter<File>>;
 
 /// Converts a folder to a session. The session appears under its name only when it is complete.
+/// Calls `report` after each item with the share that is written (0 to 1).
 ///
 /// # Errors
 /// The folder has an unknown layout, something in it is missing or malformed, the output exists
 /// (unless forced), or it cannot be written.
-pub fn import(args: &ImportArgs) -> Result<ImportSummary, ImportError> {
+pub fn import(
+    args: &ImportArgs,
+    report: &mut dyn FnMut(f64),
+) -> Result<ImportSummary, ImportError> {
     refuse_overwriting(args)?;
     let folder = Folder::open(&args.folder)?;
     let plan = read_plan(&folder, &args.folder)?;
     let partial = partial_path(&args.output);
-    let summary = write_partial(&folder, plan, &partial).and_then(|summary| {
+    let summary = write_partial(&folder, plan, &partial, report).and_then(|summary| {
         refuse_overwriting(args)?;
         fs::rename(&partial, &args.output).map_err(|e| ImportError::io(&args.output, e))?;
         Ok(summary)
@@ -174,22 +177,28 @@ fn write_partial(
     folder: &Folder,
     mut plan: Plan,
     partial: &Path,
+    report: &mut dyn FnMut(f64),
 ) -> Result<ImportSummary, ImportError> {
     // The sort is stable: at equal times the base exposure stays before its brackets.
     plan.items.sort_by_key(|(arrived_at, _)| *arrived_at);
-    let bar = progress_bar(plan.items.len() + plan.attachments.len());
+    let all = plan.items.len() + plan.attachments.len();
+    let mut done = 0;
+    let mut advance = || {
+        done += 1;
+        report(f64::from(done) / all as f64);
+    };
     let mut writer = SessionWriter::create(partial)?;
     let mut summary = ImportSummary::default();
     for (name, file) in &plan.attachments {
         writer.attach(name, &folder.read(file)?)?;
         summary.attachments += 1;
-        bar.inc(1);
+        advance();
     }
     write_views(&mut writer, &plan)?;
     for (arrived_at, item) in &plan.items {
         write_item(&mut writer, folder, &plan.tracker, *arrived_at, item)?;
         summary.count(item);
-        bar.inc(1);
+        advance();
     }
     let file = writer.finish()?;
     file.get_ref()
@@ -197,7 +206,6 @@ fn write_partial(
         .map_err(|e| ImportError::io(partial, e))?;
     let metadata = fs::metadata(partial).map_err(|e| ImportError::io(partial, e))?;
     summary.bytes = metadata.len();
-    bar.finish_and_clear();
     Ok(summary)
 }
 
@@ -281,15 +289,6 @@ impl ImportSummary {
             Item::View { .. } => {}
         }
     }
-}
-
-/// The bar is hidden by indicatif if standard error is not a terminal.
-fn progress_bar(len: usize) -> ProgressBar {
-    let bar = ProgressBar::new(len as u64);
-    if let Ok(style) = ProgressStyle::with_template("{bar:40} {pos}/{len} {eta}") {
-        bar.set_style(style);
-    }
-    bar
 }
 
 #[cfg(test)]

@@ -64,7 +64,9 @@ fn args(folder: &Path) -> ImportArgs {
 fn faulty(change: impl FnOnce(&Path)) -> String {
     let folder = rig_folder();
     change(folder.path());
-    let error = import(&args(folder.path())).unwrap_err().to_string();
+    let error = import(&args(folder.path()), &mut |_| {})
+        .unwrap_err()
+        .to_string();
     assert!(!error.contains('\n'), "{error}");
     let left: Vec<_> = fs::read_dir(folder.path())
         .unwrap()
@@ -87,7 +89,7 @@ fn faulty(change: impl FnOnce(&Path)) -> String {
 #[test]
 fn imports_rig_folder() {
     let folder = rig_folder();
-    let summary = import(&args(folder.path())).unwrap();
+    let summary = import(&args(folder.path()), &mut |_| {}).unwrap();
     assert_eq!((summary.scene_frames, summary.environment_frames), (2, 3));
     assert_eq!((summary.tracker_chunks, summary.attachments), (3, 5));
     let session = Session::open(&folder.path().join("out.mcap")).unwrap();
@@ -150,7 +152,7 @@ fn text_of(event: &SessionEvent) -> String {
 #[test]
 fn does_not_import_ground_truth() {
     let folder = rig_folder();
-    import(&args(folder.path())).unwrap();
+    import(&args(folder.path()), &mut |_| {}).unwrap();
     let bytes = fs::read(folder.path().join("out.mcap")).unwrap();
     assert!(!bytes.windows(5).any(|window| window == b"TRUTH"));
 }
@@ -159,10 +161,10 @@ fn does_not_import_ground_truth() {
 fn import_is_deterministic() {
     let folder = rig_folder();
     let mut args = args(folder.path());
-    import(&args).unwrap();
+    import(&args, &mut |_| {}).unwrap();
     let first = fs::read(&args.output).unwrap();
     args.force = true;
-    import(&args).unwrap();
+    import(&args, &mut |_| {}).unwrap();
     assert_eq!(first, fs::read(&args.output).unwrap());
 }
 
@@ -171,15 +173,15 @@ fn overwrites_only_with_force() {
     let folder = rig_folder();
     let mut args = args(folder.path());
     fs::write(&args.output, b"mine").unwrap();
-    let error = import(&args).unwrap_err();
+    let error = import(&args, &mut |_| {}).unwrap_err();
     assert!(matches!(error, ImportError::Exists { .. }));
     assert_eq!(fs::read(&args.output).unwrap(), b"mine");
     args.force = true;
-    import(&args).unwrap();
+    import(&args, &mut |_| {}).unwrap();
     assert!(Session::open(&args.output).is_ok());
     args.output = folder.path().join("object");
     assert!(matches!(
-        import(&args).unwrap_err(),
+        import(&args, &mut |_| {}).unwrap_err(),
         ImportError::IsFolder { .. }
     ));
 }
@@ -217,7 +219,7 @@ fn rejects_faulty_folders_with_one_line_and_no_output() {
     assert!(faulty(unknown).contains("neither scene_timestamps.csv"));
     let missing = args(Path::new("/nowhere/at/all"));
     assert!(
-        import(&missing)
+        import(&missing, &mut |_| {})
             .unwrap_err()
             .to_string()
             .contains("no such folder")
@@ -248,7 +250,7 @@ fn imports_tum_folder() {
     fs::write(folder.path().join("groundtruth.txt"), poses).unwrap();
     fs::write(folder.path().join("depth.txt"), "1.5 depth/none.png\n").unwrap();
     let args = args(folder.path());
-    let summary = import(&args).unwrap();
+    let summary = import(&args, &mut |_| {}).unwrap();
     assert_eq!((summary.scene_frames, summary.poses), (2, 2));
     let session = Session::open(&args.output).unwrap();
     let described: Vec<_> = session
@@ -268,7 +270,7 @@ fn imports_tum_folder() {
         ..args
     };
     assert!(
-        import(&forced)
+        import(&forced, &mut |_| {})
             .unwrap_err()
             .to_string()
             .contains("groundtruth.txt:1: ")
@@ -297,7 +299,7 @@ fn imports_recordings_with_ground_truth() {
             output: outputs.path().join(format!("{name}.mcap")),
             force: false,
         };
-        let summary = import(&args).unwrap();
+        let summary = import(&args, &mut |_| {}).unwrap();
         let rows = |table: &str| {
             fs::read_to_string(folder.join(table))
                 .unwrap()

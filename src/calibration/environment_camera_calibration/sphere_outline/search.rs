@@ -18,6 +18,30 @@ pub struct RoughSphere {
     pub radius: Option<f64>,
 }
 
+/// Ratio of neighbouring radii that are tried about a position without a radius.
+const RADIUS_STEP: f64 = 1.4;
+
+impl RoughSphere {
+    /// Returns the positions at which to search in a picture of `size`: with this radius, or with all
+    /// that fit into the picture. One search over all radii would find only the outermost edges.
+    #[must_use]
+    pub fn candidates(self, size: DVec2) -> Vec<Self> {
+        let radii = |first: f64, last: f64| {
+            std::iter::successors(Some(first), |r| Some(r * RADIUS_STEP))
+                .take_while(move |r| *r <= last)
+        };
+        let mut all = vec![self];
+        if self.radius.is_none() {
+            let tried = radii(0.04 * size.min_element(), 0.75 * size.max_element());
+            all.extend(tried.map(|r| Self {
+                radius: Some(r),
+                ..self
+            }));
+        }
+        all
+    }
+}
+
 /// Returns the cone that most steps lie on, counting one per ray.
 pub(super) fn sample(
     all: &[EdgeStep],

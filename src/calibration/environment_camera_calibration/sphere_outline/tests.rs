@@ -98,3 +98,37 @@ fn rejects_wall() {
     };
     assert!(outline(&planes, &camera(), rough).is_err());
 }
+
+/// A small sphere before a floor with many edges, more than are searched on one ray.
+fn small_sphere() -> ([Grey; 3], DVec2, f64) {
+    let (centre, radius) = (DVec2::new(250.0, 190.0), 26.0);
+    let (codes, _) = render((480, 400), 2.0, |p| {
+        let q = p - centre;
+        if q.length() < radius {
+            return if q.y > 0.3 * q.x { 0.55 } else { 0.75 };
+        }
+        let tile = (p.x / 9.0).floor() + (p.y / 11.0).floor();
+        let ring = if q.length() < 130.0 { 0.0 } else { 0.12 };
+        ring + if tile.rem_euclid(2.0) == 0.0 {
+            0.1
+        } else {
+            0.25
+        }
+    });
+    ([codes.clone(), codes.clone(), codes], centre, radius)
+}
+
+#[test]
+fn finds_a_small_sphere_from_its_centre_alone() {
+    let (planes, centre, radius) = small_sphere();
+    let click = RoughSphere {
+        centre: centre + DVec2::new(3.0, -2.0),
+        radius: None,
+    };
+    let positions = click.candidates(DVec2::new(480.0, 400.0));
+    let found = best_outline(&planes, &camera(), positions).unwrap();
+    let size = 700.0 * found.half_angle.tan();
+    assert!((size - radius).abs() < 1.0, "{size} {found:?}");
+    let at = camera().project(found.axis).unwrap();
+    assert!(at.distance(centre) < 1.0, "{at}");
+}

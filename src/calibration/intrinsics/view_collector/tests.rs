@@ -107,3 +107,37 @@ fn undetermined_coefficient_is_omitted() {
     }
     assert!(simpler > 0 && sound > 0, "{simpler} {sound}");
 }
+
+#[test]
+fn pictures_of_another_size_are_named() {
+    let views = |seed| {
+        let mut random = Random::new(seed);
+        simulated_views(&pinhole(), &poses(20, 0.4, 0.2, seed), 0.1, &mut random)
+    };
+    let finish = |others: usize| {
+        let mut collector = ViewCollector::new(Board::parse("chess:9x6:0.025").unwrap());
+        for view in views(5) {
+            collector.add_points("", (640, 480), view.points);
+        }
+        for view in views(6).into_iter().take(others) {
+            collector.add_points("", (1280, 960), view.points);
+        }
+        collector.finish(&OPTIONS).assessment
+    };
+    let mixed = Finding::SizesMixed {
+        other: 9,
+        pictures: 29,
+        width: 640,
+        height: 480,
+    };
+    let some = finish(9);
+    assert!(
+        some.findings.contains(&(Grade::Usable, mixed)),
+        "{:?}",
+        some.findings
+    );
+    assert_eq!(
+        finish(20).findings,
+        [(Grade::Refused, Finding::SizesDiffer)]
+    );
+}

@@ -63,14 +63,32 @@ pub(super) fn assess(
             ));
         }
     }
-    if summary.lines.is_empty() && summary.findings.is_empty() {
+    check_results(&mut summary, data, cameras, gains);
+    summary.finished()
+}
+
+/// Refuses a calibration without any result.
+fn check_results(
+    summary: &mut Summary,
+    data: &[CameraData; 2],
+    cameras: &[CameraResult; 2],
+    gains: &Gains,
+) {
+    let has_chart = data.iter().any(|camera| !camera.charts.is_empty());
+    if has_chart || gains.best().is_some() || cameras.iter().any(CameraResult::has_result) {
+        return;
+    }
+    let is_explained = !summary.findings.is_empty();
+    for finding in &mut summary.findings {
+        finding.0 = Grade::Refused;
+    }
+    if !is_explained {
         summary.finding(
             Grade::Refused,
             "there is nothing to calibrate from; show both cameras a ColorChecker, or provide \
              pictures of an exposure series",
         );
     }
-    summary.finished()
 }
 
 fn check_swapped(summary: &mut Summary, data: &[CameraData; 2], options: &RadiometricOptions) {

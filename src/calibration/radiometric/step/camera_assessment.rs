@@ -1,7 +1,7 @@
 //! Assessment of each camera: light and colours on a chart, tone curve, noise, vignetting.
 
 use super::camera_data::CameraData;
-use super::camera_result::{CAMERAS, CameraResult, is_significant};
+use super::camera_result::{CAMERAS, CONFIRMED, CameraResult, is_significant};
 use super::colours::Colours;
 use super::gains::{ChartEvaluation, evaluate};
 use super::options::RadiometricOptions;
@@ -182,7 +182,7 @@ fn assess_curve(summary: &mut Summary, name: &str, curve: &Curve, camera: &Camer
         curve.used,
         100.0 * curve.rms
     ));
-    if !camera.replaces && !description.contains("confirmed") {
+    if !camera.replaces && description != CONFIRMED {
         summary.finding(
             Grade::Usable,
             format!(

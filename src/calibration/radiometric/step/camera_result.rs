@@ -32,6 +32,19 @@ pub(super) struct CameraResult {
     pub size: (u32, u32),
 }
 
+impl CameraResult {
+    /// Returns whether there is a result: a tone curve that is used or confirmed, noise, or
+    /// vignetting of a uniform surface.
+    pub fn has_result(&self) -> bool {
+        let known = self.response.as_ref().map_or("", |r| &r.1);
+        let has_curve = matches!(self.curve, Some(Ok(_))) && (self.replaces || known == CONFIRMED);
+        has_curve || self.noise.is_some() || self.vignetting.as_ref().is_some_and(|v| v.1)
+    }
+}
+
+/// Description of the known tone curve if an exposure series is consistent with it.
+pub(super) const CONFIRMED: &str = "of rig.json, confirmed";
+
 /// Chooses the active tone curve: the known one if it is consistent with the series, else a named one
 /// that is, else the measured one. Returns it with its description, and whether it replaces the known
 /// one.
@@ -47,7 +60,7 @@ pub(super) fn choose_response(
         sigmas < MAX_DIFFERENCE_SIGMAS && difference < MAX_DIFFERENCE
     };
     if is_consistent(known) {
-        return ((known.clone(), "of rig.json, confirmed".to_owned()), false);
+        return ((known.clone(), CONFIRMED.to_owned()), false);
     }
     if curve.largest_sigma() > MAX_CURVE_SIGMA {
         return ((known.clone(), "of rig.json".to_owned()), false);

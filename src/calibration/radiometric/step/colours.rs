@@ -2,6 +2,7 @@
 
 use glam::{DMat3, DVec3};
 use penumbra_numerics::NormalEquations;
+use penumbra_rig_model::radiometric_file::ColoursRecord;
 use penumbra_white_balance::chart::Patch;
 use penumbra_white_balance::colour::delta_e_linear;
 
@@ -15,6 +16,8 @@ pub(super) struct Colours {
     pub balanced: Vec<Option<f64>>,
     /// With the best 3×3 matrix.
     pub matrixed: Vec<Option<f64>>,
+    /// That matrix: reference = matrix × camera, linear.
+    pub matrix: DMat3,
 }
 
 impl Colours {
@@ -37,7 +40,18 @@ impl Colours {
             as_shown: with(DMat3::from_diagonal(green)),
             balanced: with(DMat3::from_diagonal(gains)),
             matrixed: with(matrix),
+            matrix,
         })
+    }
+
+    /// Returns the mean differences and the matrix for the calibration file.
+    pub fn record(&self) -> ColoursRecord {
+        ColoursRecord {
+            delta_e_as_shown: Self::mean(&self.as_shown),
+            delta_e_balanced: Self::mean(&self.balanced),
+            delta_e_matrix: Self::mean(&self.matrixed),
+            matrix: self.matrix.transpose().to_cols_array_2d(),
+        }
     }
 
     /// Returns the mean over the patches with a value.

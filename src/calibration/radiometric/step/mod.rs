@@ -23,6 +23,8 @@ use crate::step::{
 };
 use camera_data::CameraData;
 use camera_result::{CameraResult, choose_response, is_significant};
+use colours::Colours;
+use gains::evaluate;
 use penumbra_camera::vignetting::default_frame;
 use penumbra_picture::Picture;
 use penumbra_rig_model::Grade;
@@ -221,7 +223,15 @@ impl Radiometric {
                     covariance: t.covariance,
                 }),
             }),
+            colours: self.colours(i, camera).map(|colours| colours.record()),
         }
+    }
+
+    /// Returns a camera's colours of the first chart that it sees.
+    fn colours(&self, i: usize, camera: &CameraResult) -> Option<Colours> {
+        let (response, _) = camera.response.as_ref()?;
+        let patches = self.data[i].patches(response);
+        evaluate(patches.first()?, &self.options).colours
     }
 }
 

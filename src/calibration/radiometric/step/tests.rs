@@ -108,6 +108,47 @@ fn reports_bad_light_and_missing_charts() {
 }
 
 #[test]
+fn contradicting_exposures_alone_are_refused() {
+    let chart = |brightness: f64, seed| {
+        let gains = DVec3::splat(brightness);
+        synthetic(
+            [(-900.0, 0.0), (-800.0, 0.0), (-800.0, 60.0), (-900.0, 60.0)],
+            gains,
+            seed,
+        )
+        .picture()
+    };
+    let calibrated = |stated: [f64; 4]| {
+        let pictures = [0.1, 0.2, 0.4, 0.8].map(|b: f64| (chart(b, 1), b.ln()));
+        let mut step = Radiometric::new(RadiometricOptions::default());
+        let series = pictures.iter().zip(stated);
+        let series: Vec<(&Picture, f64)> = series
+            .map(|((picture, log), factor)| (picture, log + factor.ln()))
+            .collect();
+        step.add_series(CameraRole::Scene, &series);
+        step.finish(&CalibrationProvenance::default())
+    };
+    let found = calibrated([1.0, 1.6, 0.6, 1.5]);
+    assert_eq!(found.grade, Grade::Refused, "{found:?}");
+    assert!(found.file.is_none() && !found.findings.is_empty());
+}
+
+#[test]
+fn single_camera_yields_its_colours() {
+    let mut step = Radiometric::new(RadiometricOptions::default());
+    let picture = synthetic(SCENE, DVec3::new(0.95, 0.8, 0.7), 1).picture();
+    observe(&mut step, CameraRole::Scene, &picture, 0.0, 0.0);
+    let found = step.finish(&CalibrationProvenance::default());
+    let file: serde_json::Value = serde_json::from_str(found.file.as_ref().unwrap()).unwrap();
+    let colours = &file["scene_camera"]["colours"];
+    let matrix = colours["matrix"][0][0].as_f64().unwrap();
+    assert!((matrix * 0.95 - 1.0).abs() < 0.05, "{colours}");
+    let balanced = colours["delta_e_balanced"].as_f64().unwrap();
+    assert!(balanced > 0.0 && balanced < 2.0, "{colours}");
+    apply(&found);
+}
+
+#[test]
 fn reads_the_larger_of_two_charts() {
     let gains = DVec3::splat(0.9);
     let scene = synthetic(SCENE, gains, 1);
