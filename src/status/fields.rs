@@ -617,6 +617,14 @@ pub const STATUS_FIELDS: &[(&str, &str)] = &[
         "settings.exposure_adaptation_s",
         "With `auto`: time constant (63 % of a step), s, 0 to 60.",
     ),
+    (
+        "settings_requested",
+        "As `settings`: the values requested last. A value that differs from `settings` takes effect with the next picture.",
+    ),
+    (
+        "settings_configured",
+        "As `settings`: the values at the start, by configuration and command line.",
+    ),
     ("stream.viewers", "Number of viewers of `/stream.mjpeg`."),
     ("stream.encoded", "Pictures encoded for them."),
     ("warnings[].text", "A warning: what, where, what to do."),
@@ -669,8 +677,14 @@ mod tests {
         s
     }
 
+    /// Objects whose fields are described with `settings`.
+    const AS_SETTINGS: [&str; 2] = ["settings_requested", "settings_configured"];
+
     fn paths(value: &Value, path: &str, found: &mut BTreeSet<String>) {
         match value {
+            _ if AS_SETTINGS.contains(&path) => {
+                found.insert(path.to_owned());
+            }
             Value::Object(fields) => fields.iter().for_each(|(name, v)| {
                 let dot = if path.is_empty() { "" } else { "." };
                 paths(v, &format!("{path}{dot}{name}"), found);

@@ -17,6 +17,7 @@ pub struct SharedStatus {
     started: MonotonicTime,
     state: Mutex<State>,
     settings: watch::Sender<Settings>,
+    configured: Settings,
     picture: watch::Sender<Option<Arc<Picture>>>,
     environment: watch::Sender<Option<Arc<Picture>>>,
     watchers: watch::Sender<u32>,
@@ -53,6 +54,7 @@ impl SharedStatus {
             started: clock.now(),
             clock,
             state: Mutex::new(state),
+            configured: settings.clone(),
             settings: watch::Sender::new(settings),
             picture: watch::Sender::new(None),
             environment: watch::Sender::new(None),
@@ -97,6 +99,8 @@ impl SharedStatus {
         snapshot.program.uptime_seconds = now.seconds_since(self.started);
         snapshot.frames.last_age_ms = last.map(|at| now.seconds_since(at) * 1e3);
         snapshot.stream.viewers = *self.watchers.borrow();
+        snapshot.settings_requested = self.settings.borrow().clone();
+        snapshot.settings_configured = self.configured.clone();
         snapshot
     }
 
@@ -306,11 +310,14 @@ mod tests {
             .request_settings(&change(r#"{"shadow_strength": 0.5}"#))
             .unwrap();
         assert_eq!((both.light_count, both.shadow_strength), (8, 0.5));
+        let snapshot = shared.snapshot();
         assert_eq!(
-            shared.snapshot().settings,
+            snapshot.settings,
             Settings::default(),
             "only the rig sets the active settings"
         );
+        assert_eq!(snapshot.settings_requested, both);
+        assert_eq!(snapshot.settings_configured, Settings::default());
     }
 
     #[test]

@@ -61,6 +61,11 @@ pub struct Snapshot {
     pub resolution: Resolution,
     /// Settings of the newest picture.
     pub settings: Settings,
+    /// Settings as requested; they differ from `settings` until a picture uses them. Filled in when
+    /// the snapshot is read.
+    pub settings_requested: Settings,
+    /// Settings at the start, by configuration and command line; filled in likewise.
+    pub settings_configured: Settings,
     /// The stream to browsers.
     pub stream: Stream,
     /// Warnings for the user.
@@ -88,6 +93,8 @@ impl Default for Snapshot {
             quality: Quality::default(),
             resolution: Resolution::default(),
             settings: Settings::default(),
+            settings_requested: Settings::default(),
+            settings_configured: Settings::default(),
             stream: Stream::default(),
             warnings: Vec::new(),
         }
