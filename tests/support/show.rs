@@ -25,6 +25,8 @@ const HEIGHT: u32 = 480;
 pub struct Show {
     pub address: SocketAddr,
     pub shared: Arc<SharedStatus>,
+    /// While set, the rig composes no picture, so that no setting takes effect.
+    pub held: Arc<AtomicBool>,
     stop: Arc<AtomicBool>,
     feeder: Option<JoinHandle<()>>,
     _runtime: tokio::runtime::Runtime,
@@ -44,12 +46,14 @@ impl Show {
         let runtime = tokio::runtime::Runtime::new().expect("a runtime");
         runtime.spawn(server.serve(std::future::pending()));
         let stop = Arc::new(AtomicBool::new(false));
-        let fed = (Arc::clone(&shared), Arc::clone(&stop));
-        let feeder = penumbra_interface::threads::spawn("feeder", move || feed(&fed.0, &fed.1))
-            .expect("a thread");
+        let held = Arc::new(AtomicBool::new(false));
+        let fed = (Arc::clone(&shared), Arc::clone(&stop), Arc::clone(&held));
+        let feed = move || feed(&fed.0, &fed.1, &fed.2);
+        let feeder = penumbra_interface::threads::spawn("feeder", feed).expect("a thread");
         Self {
             address,
             shared,
+            held,
             stop,
             feeder: Some(feeder),
             _runtime: runtime,
@@ -66,13 +70,17 @@ impl Drop for Show {
     }
 }
 
-fn feed(shared: &SharedStatus, stop: &AtomicBool) {
+fn feed(shared: &SharedStatus, stop: &AtomicBool, held: &AtomicBool) {
     let settings = shared.settings_receiver();
     shared.publish_snapshot(example_snapshot());
     shared.publish_environment_preview(Arc::new(sky(256)));
     for frame in 0_u64.. {
         if stop.load(Ordering::Relaxed) {
             return;
+        }
+        if held.load(Ordering::Relaxed) {
+            std::thread::sleep(Duration::from_millis(20));
+            continue;
         }
         let requested = settings.borrow().clone();
         let visible = requested.virtual_object_visible;

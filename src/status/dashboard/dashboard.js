@@ -1,12 +1,14 @@
 // The dashboard: requests /status twice a second and shows it. Its own state is the history of the
-// charts and the changes that the rig has not confirmed yet.
+// charts, the changes that can be undone, and choices of the viewer.
 
 import { calibrate } from './calibrate.js';
-import { COOL, LIGHT, remember, spark } from './charts.js';
+import { remember, spark } from './charts.js';
 import { exposure } from './exposure.js';
-import { planes } from './planes.js';
+import { buildPlanes, planes } from './planes.js';
+import { buildPresets, presets } from './presets.js';
 import { recording } from './recording.js';
-import { settings } from './settings.js';
+import { buildSettings, settings } from './settings.js';
+import { buildTheme } from './theme.js';
 import { $, age, duration, facts, flag, make, millis, number, percent, pill, put, refill, whole } from './text.js';
 
 const POLL_MS = 500;
@@ -261,7 +263,7 @@ function timing(s) {
   put($('fps-now'), number(s.frames.per_second));
   put($('ms-now'), millis(total));
   spark($('fps-chart'), fps, { axis: true });
-  spark($('ms-chart'), ms, { axis: true, colour: COOL });
+  spark($('ms-chart'), ms, { axis: true });
   $('fps-chart').ariaLabel = `Frames per second over the last two minutes, now ${number(s.frames.per_second)}`;
   $('ms-chart').ariaLabel = `Milliseconds per frame over the last two minutes, now ${number(total)}`;
   stages(s);
@@ -283,8 +285,7 @@ function stages(s) {
   refill($('stages'), rows.map((r) => [r.name, r.kind]), stageRow);
   rows.forEach((stage, i) => {
     const row = $('stages').children[i];
-    const colour = stage.kind === 'gpu' ? COOL : LIGHT;
-    spark(row.querySelector('canvas'), remember(`${stage.kind} ${stage.name}`, stage.recent_ms), { colour });
+    spark(row.querySelector('canvas'), remember(`${stage.kind} ${stage.name}`, stage.recent_ms));
     const figures = [stage.recent_ms, stage.p50_ms, stage.p99_ms];
     figures.forEach((value, j) => put(row.children[2 + j], millis(value)));
   });
@@ -295,7 +296,7 @@ function stageRow([name, kind]) {
   row.toggleAttribute('data-total', name === 'total');
   const label = STAGES[name] ?? name.replaceAll('_', ' ').replace(/^./, (c) => c.toUpperCase());
   const history = make('td', 'history');
-  const canvas = make('canvas');
+  const canvas = make('canvas', kind === 'gpu' ? 'cool' : '');
   canvas.ariaHidden = 'true';
   history.append(canvas);
   row.append(make('td', kind, label), history, make('td'), make('td'), make('td'));
@@ -304,10 +305,11 @@ function stageRow([name, kind]) {
 
 // ── requests ──────────────────────────────────────────────────────────────────────────────
 
-function render(s) {
+function render(s, askedAt) {
   head(s);
   picture(s);
-  settings(s.settings);
+  settings(s, askedAt);
+  presets(s);
   warnings(s);
   planes(s);
   exposure(s);
@@ -335,6 +337,7 @@ function disconnected(reason) {
 }
 
 async function update() {
+  const askedAt = performance.now();
   let response;
   try {
     response = await fetch('/status', { signal: AbortSignal.timeout(5000) });
@@ -347,7 +350,7 @@ async function update() {
   const s = await response.json();
   if (s.version !== 1) { disconnected('Penumbra has been updated: reload this page.'); return false; }
   connected();
-  render(s);
+  render(s, askedAt);
   return true;
 }
 
@@ -356,5 +359,9 @@ async function poll() {
   setTimeout(poll, up ? POLL_MS : RETRY_MS);
 }
 
+buildSettings();
+buildPlanes();
+buildPresets();
+buildTheme();
 poll();
 calibrate();
