@@ -629,6 +629,10 @@ pub const STATUS_FIELDS: &[(&str, &str)] = &[
     ("stream.encoded", "Pictures encoded for them."),
     ("warnings[].text", "A warning: what, where, what to do."),
     ("warnings[].count", "Number of occurrences."),
+    (
+        "log.newest",
+        "Number of the newest entry of `/log`; 0 without entries.",
+    ),
 ];
 
 #[cfg(test)]

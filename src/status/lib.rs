@@ -2,8 +2,8 @@
 //!
 //! The rig writes a [`SharedStatus`]; [`StatusServer`] reads it. [`snapshot`] is the data,
 //! [`times`] the histograms in it, [`settings`] the live settings. The server consists of
-//! [`server`] (socket and limits), `guard` (access), `places` (limits under load), `app` (shared state), `routes` and `calibration_routes`, [`metrics`] and
-//! [`health`] (made from the snapshot), [`preview`] (the environment light), and the dashboard.
+//! [`server`] (socket and limits), `guard` (access), `places` (limits under load), `app` (shared state), `routes` and `calibration_routes`, [`metrics`],
+//! [`health`] and [`log`] (made from the snapshot), [`preview`] (the environment light), and the dashboard.
 
 mod app;
 pub mod calibration;
@@ -11,6 +11,7 @@ mod calibration_routes;
 pub mod fields;
 mod guard;
 pub mod health;
+pub mod log;
 pub mod metrics;
 mod places;
 pub mod planes;

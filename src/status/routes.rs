@@ -11,12 +11,13 @@ use super::snapshot::{Snapshot, WhiteBalance};
 use crate::stream::{STREAM_CONTENT_TYPE, stream_preamble};
 use axum::body::{Body, Bytes};
 use axum::extract::{DefaultBodyLimit, Path, State};
-use axum::http::{HeaderMap, StatusCode, header};
+use axum::http::{HeaderMap, StatusCode, Uri, header};
 use axum::middleware::from_fn_with_state;
 use axum::response::{IntoResponse, Response};
 use axum::routing::{get, post};
 use axum::{Json, Router};
 use penumbra_picture::Picture;
+use serde_json::json;
 use std::convert::Infallible;
 use std::sync::Arc;
 use std::time::Duration;
@@ -44,6 +45,7 @@ pub fn router(app: App, token: Option<Arc<Token>>) -> Router {
         .route("/whitebalance.json", get(white_balance))
         .route("/metrics", get(metrics_page))
         .route("/healthz", get(healthz))
+        .route("/log", get(log))
         .route("/settings", post(settings))
         .route("/recording", post(recording))
         .merge(calibration_routes::routes())
@@ -56,7 +58,7 @@ pub fn router(app: App, token: Option<Arc<Token>>) -> Router {
         .with_state(app)
 }
 
-const NOT_FOUND: &str = "not here; there are / /status /metrics /healthz /settings \
+const NOT_FOUND: &str = "not here; there are / /status /metrics /healthz /log /settings \
     /recording /calibration /stream.mjpeg /snapshot.png /environment.png /whitebalance.json\n";
 
 async fn not_found() -> Response {
@@ -81,6 +83,9 @@ async fn dashboard_file(Path(file): Path<String>) -> Response {
         "controls.js" => asset(SCRIPT, include_str!("dashboard/controls.js")).await,
         "charts.js" => asset(SCRIPT, include_str!("dashboard/charts.js")).await,
         "exposure.js" => asset(SCRIPT, include_str!("dashboard/exposure.js")).await,
+        "health.js" => asset(SCRIPT, include_str!("dashboard/health.js")).await,
+        "lamps.js" => asset(SCRIPT, include_str!("dashboard/lamps.js")).await,
+        "log.js" => asset(SCRIPT, include_str!("dashboard/log.js")).await,
         "planes.js" => asset(SCRIPT, include_str!("dashboard/planes.js")).await,
         "presets.js" => asset(SCRIPT, include_str!("dashboard/presets.js")).await,
         "requests.js" => asset(SCRIPT, include_str!("dashboard/requests.js")).await,
@@ -112,6 +117,20 @@ async fn healthz(State(app): State<App>) -> (StatusCode, String) {
         Ok(description) => (StatusCode::OK, description + "\n"),
         Err(reason) => (StatusCode::SERVICE_UNAVAILABLE, reason + "\n"),
     }
+}
+
+/// The entries of the log, oldest first; `?after=N` leaves out those up to number N.
+async fn log(State(app): State<App>, uri: Uri) -> Response {
+    let query = uri.query().unwrap_or_default();
+    let after = match query.strip_prefix("after=").map(str::parse) {
+        Some(Ok(after)) => after,
+        None if query.is_empty() => 0,
+        _ => {
+            let text = "log: ask for /log, or for /log?after=N with the number of an entry";
+            return problem(StatusCode::BAD_REQUEST, text);
+        }
+    };
+    Json(json!({ "entries": app.shared.log_since(after) })).into_response()
 }
 
 /// Requests settings; `/status` shows when they are active. The content type must be JSON, because a

@@ -1,6 +1,7 @@
 //! The state shared by the rig, which writes it, and the server, which reads it.
 
 use super::calibration::CalibrationControl;
+use super::log::{Level, Log, LogEntry};
 use super::recording::{Recording, RecordingControl, RecordingRefusal, RecordingRequest};
 use super::settings::{Settings, SettingsChange, SettingsError};
 use super::snapshot::Snapshot;
@@ -30,6 +31,7 @@ pub struct SharedStatus {
 struct State {
     snapshot: Snapshot,
     last_composed_at: Option<MonotonicTime>,
+    log: Log,
 }
 
 impl SharedStatus {
@@ -48,7 +50,7 @@ impl SharedStatus {
         };
         let state = State {
             snapshot,
-            last_composed_at: None,
+            ..State::default()
         };
         Arc::new(Self {
             started: clock.now(),
@@ -75,6 +77,8 @@ impl SharedStatus {
         if state.snapshot.frames.composed != composed_before {
             state.last_composed_at = Some(now);
         }
+        let State { snapshot, log, .. } = &mut *state;
+        log.compare(snapshot);
     }
 
     /// Replaces the snapshot, except for the fields that the server fills in.
@@ -94,7 +98,9 @@ impl SharedStatus {
         let now = self.clock.now();
         let (mut snapshot, last) = {
             let state = self.lock();
-            (state.snapshot.clone(), state.last_composed_at)
+            let mut snapshot = state.snapshot.clone();
+            snapshot.log.newest = state.log.newest();
+            (snapshot, state.last_composed_at)
         };
         snapshot.program.uptime_seconds = now.seconds_since(self.started);
         snapshot.frames.last_age_ms = last.map(|at| now.seconds_since(at) * 1e3);
@@ -102,6 +108,12 @@ impl SharedStatus {
         snapshot.settings_requested = self.settings.borrow().clone();
         snapshot.settings_configured = self.configured.clone();
         snapshot
+    }
+
+    /// Returns the entries of the log after number `after`, oldest first.
+    #[must_use]
+    pub fn log_since(&self, after: u64) -> Vec<LogEntry> {
+        self.lock().log.since(after)
     }
 
     /// Publishes the newest composited picture. Needed only while [`Self::wants_picture`], and once
@@ -134,12 +146,22 @@ impl SharedStatus {
     /// A value is invalid; then nothing changes.
     pub fn request_settings(&self, change: &SettingsChange) -> Result<Settings, SettingsError> {
         let mut answer = Ok(());
+        let mut before = None;
         self.settings.send_if_modified(|requested| {
             let changed = change.apply_to(requested);
             answer = changed.as_ref().map(|_| ()).map_err(Clone::clone);
-            changed.is_ok_and(|new| std::mem::replace(requested, new.clone()) != new)
+            let Some(new) = changed.ok().filter(|new| new != requested) else {
+                return false;
+            };
+            before = Some(std::mem::replace(requested, new));
+            true
         });
-        answer.map(|()| self.settings.borrow().clone())
+        let after = answer.map(|()| self.settings.borrow().clone())?;
+        if let Some(before) = before {
+            let text = after.changes_from(&before);
+            self.lock().log.add(Level::Info, &text);
+        }
+        Ok(after)
     }
 
     /// Sets the recorder that handles requests to record. Only the first call has an effect.

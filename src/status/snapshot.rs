@@ -70,6 +70,8 @@ pub struct Snapshot {
     pub stream: Stream,
     /// Warnings for the user.
     pub warnings: Vec<Warning>,
+    /// The log, whose entries are at `/log`.
+    pub log: LogStatus,
 }
 
 impl Default for Snapshot {
@@ -97,6 +99,7 @@ impl Default for Snapshot {
             settings_configured: Settings::default(),
             stream: Stream::default(),
             warnings: Vec::new(),
+            log: LogStatus::default(),
         }
     }
 }
@@ -605,6 +608,13 @@ pub struct Stream {
     pub viewers: u32,
     /// Pictures encoded for them.
     pub encoded: u64,
+}
+
+/// State of the log; filled in when the snapshot is read.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct LogStatus {
+    /// Number of the newest entry; 0 without entries.
+    pub newest: u64,
 }
 
 /// A warning.

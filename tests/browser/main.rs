@@ -2,6 +2,7 @@
 #![expect(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 mod controls;
+mod health;
 mod layout;
 #[path = "../support/mod.rs"]
 mod support;

@@ -7,6 +7,7 @@ use penumbra_interface::DeviceKind;
 use penumbra_lighting::{DomeLight, LightKind, LightPlace};
 use penumbra_picture::Picture;
 use penumbra_status::planes::{PlanesState, PlanesStatus};
+use penumbra_status::registration::RegistrationSource;
 use penumbra_status::snapshot::{
     Device, DeviceState, PoseAnswer, Resolution, SessionState, WhiteBalanceEstimate,
     WhiteBalanceMethod, WhiteMatch,
@@ -161,6 +162,7 @@ pub fn example_snapshot() -> Snapshot {
     s.pairing.environment_skew_p99_ms = Some(16.1);
     s.pairing.pose_skew_ms = Some(4.1);
     s.pairing.pose = PoseAnswer::Interpolated;
+    s.registration.source = RegistrationSource::Tracker;
     s.lighting.compact_lights = 6;
     s.lighting.compact_sources = 2;
     s.lighting.age_ms = Some(8.3);

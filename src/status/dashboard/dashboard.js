@@ -4,24 +4,22 @@
 import { calibrate } from './calibrate.js';
 import { remember, spark } from './charts.js';
 import { exposure } from './exposure.js';
+import { health, healthUnknown, isFresh } from './health.js';
+import { lamps } from './lamps.js';
+import { buildLog, log } from './log.js';
 import { buildPlanes, planes } from './planes.js';
 import { buildPresets, presets } from './presets.js';
 import { recording } from './recording.js';
 import { buildSettings, settings } from './settings.js';
 import { buildTheme } from './theme.js';
-import { $, age, duration, facts, flag, make, millis, number, percent, pill, put, refill, whole } from './text.js';
+import { $, age, duration, facts, flag, make, millis, number, percent, put, refill, whole } from './text.js';
 
 const POLL_MS = 500;
 const RETRY_MS = 1500;
 const ENVIRONMENT_MS = 1000;
-const STILL_MS = 3000;
 
-const STATES = {
-  starting: ['getting ready', 'warn'], live: ['live', 'good'], replaying: ['replaying', 'good'],
-  paused: ['paused', 'idle'], ended: ['ended', 'idle'], failed: ['failed', 'bad'],
-};
 const DEVICE_STATES = {
-  absent: 'idle', opening: 'warn', streaming: 'good', silent: 'warn', retrying: 'warn', failed: 'bad', ended: 'idle',
+  absent: 'idle', opening: 'warn', streaming: 'good', silent: 'warn', retrying: 'bad', failed: 'bad', ended: 'idle',
 };
 const DEVICE_KINDS = {
   'scene-camera': 'Scene camera', 'environment-camera': 'Environment camera', tracker: 'Tracker',
@@ -66,7 +64,7 @@ function picture(s) {
   put($('picture-facts'), width ? `${width} × ${height}` : '');
   const note = $('picture-note');
   const moving = ['live', 'replaying'].includes(s.session.state);
-  const still = moving && s.frames.last_age_ms > STILL_MS;
+  const still = moving && !isFresh(s);
   if (!s.frames.composed) put(note, 'Waiting for the first picture …');
   else if (still) put(note, `No new picture for ${age(s.frames.last_age_ms)}`);
   note.toggleAttribute('data-over', still);
@@ -86,9 +84,6 @@ window.addEventListener('pageshow', (event) => { if (event.persisted) openStream
 const stageOf = (s, name) => s.stages.find((stage) => stage.name === name && stage.kind === 'cpu');
 
 function head(s) {
-  const [word, tone] = STATES[s.session.state] ?? [s.session.state, 'idle'];
-  pill($('state-pill'), word, tone);
-  put($('state-description'), s.session.description);
   put($('session-name'), s.session.name || 'no session');
   document.title = s.session.name ? `${s.session.name} – Penumbra` : 'Penumbra';
   put($('head-fps'), number(s.frames.per_second));
@@ -121,7 +116,8 @@ function devices(s) {
 function deviceItem([name, kind, state, reason, identity, mode, notes, controls]) {
   const item = make('li');
   const badge = make('span', 'pill', state);
-  badge.dataset.tone = DEVICE_STATES[state] ?? 'idle';
+  const tone = DEVICE_STATES[state] ?? 'idle';
+  badge.dataset.tone = tone === 'good' && reason ? 'warn' : tone;
   const title = make('b', '', DEVICE_KINDS[kind] ?? kind);
   const what = make('span', 'what muted');
   what.append(make('span', '', `${name} · `), make('span', 'description'));
@@ -307,6 +303,8 @@ function stageRow([name, kind]) {
 
 function render(s, askedAt) {
   head(s);
+  health(s);
+  log(s);
   picture(s);
   settings(s, askedAt);
   presets(s);
@@ -316,6 +314,7 @@ function render(s, askedAt) {
   recording(s.recording);
   devices(s);
   environment(s);
+  lamps(s.lighting);
   balance(s);
   timing(s);
 }
@@ -330,8 +329,7 @@ function connected() {
 function disconnected(reason) {
   document.body.dataset.link = 'lost';
   flag($('link-lost'), reason);
-  pill($('state-pill'), 'no connection', 'bad');
-  put($('state-description'), '');
+  healthUnknown();
   put($('picture-note'), 'No connection');
   $('picture-note').hidden = false;
 }
@@ -362,6 +360,7 @@ async function poll() {
 buildSettings();
 buildPlanes();
 buildPresets();
+buildLog();
 buildTheme();
 poll();
 calibrate();
