@@ -31,7 +31,7 @@ use penumbra_picture::Picture;
 use penumbra_scene::PlacedLamp;
 use penumbra_status::RegistrationSource;
 use penumbra_status::snapshot::SessionState;
-use penumbra_status::{Settings, StageTimes};
+use penumbra_status::{Settings, SharedStatus, StageTimes};
 use penumbra_sync::Provenance;
 use penumbra_tracker_serial::freed::{FreedSender, Lens, optical_to_studio};
 use std::sync::Arc;
@@ -62,6 +62,19 @@ fn compositor(context: &RunContext, gpu: Gpu, writes_files: bool) -> Compositor 
         Distortion::Undistorted => LensOutput::Undistorted,
     });
     compositor
+}
+
+/// Publishes a composed picture with the camera's picture of the same frame below it.
+fn publish_pair(status: &SharedStatus, composed: &Picture, camera: &Picture) {
+    if (composed.width, composed.height) != (camera.width, camera.height) {
+        return;
+    }
+    let rgba = [composed.rgba.as_slice(), camera.rgba.as_slice()].concat();
+    status.publish_pair(Arc::new(Picture {
+        width: composed.width,
+        height: 2 * composed.height,
+        rgba,
+    }));
 }
 
 /// The state of a run.
@@ -356,15 +369,26 @@ impl Run {
         self.display_latency
             .add(SystemClock.now().nanos_since(arrived_at));
         let has_viewer = context.status.wants_picture();
+        let compares = context.status.wants_pair();
         if let Some(folder) = &self.folder {
             let mut picture = folder.spare();
             self.compositor.read(&mut picture)?;
+            if compares {
+                publish_pair(&context.status, &picture, &prepared.picture);
+            }
             if has_viewer {
                 context.status.publish_picture(Arc::new(picture.clone()));
             }
             folder.write(prepared.index, picture);
-        } else if has_viewer {
-            self.publish_picture(context)?;
+        } else if has_viewer || compares {
+            let mut picture = Picture::default();
+            self.compositor.read(&mut picture)?;
+            if compares {
+                publish_pair(&context.status, &picture, &prepared.picture);
+            }
+            if has_viewer {
+                context.status.publish_picture(Arc::new(picture));
+            }
         } else {
             self.compositor.gpu().wait()?;
         }

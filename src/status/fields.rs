@@ -625,7 +625,10 @@ pub const STATUS_FIELDS: &[(&str, &str)] = &[
         "settings_configured",
         "As `settings`: the values at the start, by configuration and command line.",
     ),
-    ("stream.viewers", "Number of viewers of `/stream.mjpeg`."),
+    (
+        "stream.viewers",
+        "Number of viewers of `/stream.mjpeg` and `/compare.mjpeg`.",
+    ),
     ("stream.encoded", "Pictures encoded for them."),
     ("warnings[].text", "A warning: what, where, what to do."),
     ("warnings[].count", "Number of occurrences."),

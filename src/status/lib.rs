@@ -35,6 +35,6 @@ pub use probe::ProbeStatus;
 pub use registration::{DisplayStatus, RegistrationSource, RegistrationStatus};
 pub use server::{DEFAULT_LISTEN, StatusError, StatusServer};
 pub use settings::{Settings, SettingsChange};
-pub use shared::SharedStatus;
+pub use shared::{SharedStatus, View};
 pub use snapshot::{SceneStatus, Snapshot};
 pub use times::{Histogram, RateMeter, StageTimes};

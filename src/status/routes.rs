@@ -7,6 +7,7 @@ use super::health::health;
 use super::metrics::{METRICS_CONTENT_TYPE, metrics};
 use super::recording::RecordingRequest;
 use super::settings::{Settings, SettingsChange, SettingsError};
+use super::shared::View;
 use super::snapshot::{Snapshot, WhiteBalance};
 use crate::stream::{STREAM_CONTENT_TYPE, stream_preamble};
 use axum::body::{Body, Bytes};
@@ -49,7 +50,8 @@ pub fn router(app: App, token: Option<Arc<Token>>) -> Router {
         .route("/settings", post(settings))
         .route("/recording", post(recording))
         .merge(calibration_routes::routes())
-        .route("/stream.mjpeg", get(stream))
+        .route("/stream.mjpeg", get(|app| stream(app, View::Composite)))
+        .route("/compare.mjpeg", get(|app| stream(app, View::Pair)))
         .route("/snapshot.png", get(snapshot_png))
         .route("/environment.png", get(environment_png))
         .fallback(not_found)
@@ -59,7 +61,7 @@ pub fn router(app: App, token: Option<Arc<Token>>) -> Router {
 }
 
 const NOT_FOUND: &str = "not here; there are / /status /metrics /healthz /log /settings \
-    /recording /calibration /stream.mjpeg /snapshot.png /environment.png /whitebalance.json\n";
+    /recording /calibration /stream.mjpeg /compare.mjpeg /snapshot.png /environment.png /whitebalance.json\n";
 
 async fn not_found() -> Response {
     (StatusCode::NOT_FOUND, NOT_FOUND).into_response()
@@ -86,6 +88,7 @@ async fn dashboard_file(Path(file): Path<String>) -> Response {
         "health.js" => asset(SCRIPT, include_str!("dashboard/health.js")).await,
         "lamps.js" => asset(SCRIPT, include_str!("dashboard/lamps.js")).await,
         "log.js" => asset(SCRIPT, include_str!("dashboard/log.js")).await,
+        "picture.js" => asset(SCRIPT, include_str!("dashboard/picture.js")).await,
         "planes.js" => asset(SCRIPT, include_str!("dashboard/planes.js")).await,
         "presets.js" => asset(SCRIPT, include_str!("dashboard/presets.js")).await,
         "requests.js" => asset(SCRIPT, include_str!("dashboard/requests.js")).await,
@@ -168,20 +171,21 @@ async fn recording(State(app): State<App>, headers: HeaderMap, body: Bytes) -> R
 }
 
 /// Streams the newest pictures. A slow client skips pictures and delays no other.
-async fn stream(State(app): State<App>) -> Response {
+async fn stream(State(app): State<App>, view: View) -> Response {
     let Ok(seat) = Arc::clone(&app.streams).try_acquire_owned() else {
         let text = format!("{MAX_STREAMS} viewers are connected already; close one of them\n");
         return (StatusCode::SERVICE_UNAVAILABLE, text).into_response();
     };
-    let body = Body::from_stream(parts(&app, (seat, app.shared.count_viewer())));
+    let body = Body::from_stream(parts(&app, view, (seat, app.shared.count_viewer(view))));
     ([(header::CONTENT_TYPE, STREAM_CONTENT_TYPE)], body).into_response()
 }
 
 fn parts<G: Send + 'static>(
     app: &App,
+    view: View,
     guards: G,
 ) -> impl Stream<Item = Result<Bytes, Infallible>> + use<G> {
-    let pictures = WatchStream::new(app.parts.subscribe()).filter_map(move |part| {
+    let pictures = WatchStream::new(app.parts(view)).filter_map(move |part| {
         // The seat is released when the browser disconnects and this closure is dropped.
         let _ = &guards;
         part
@@ -192,7 +196,7 @@ fn parts<G: Send + 'static>(
 /// The newest composited picture, lossless.
 async fn snapshot_png(State(app): State<App>) -> Response {
     let _asking = app.shared.ask();
-    let mut pictures = app.shared.pictures();
+    let mut pictures = app.shared.pictures(View::Composite);
     let _ = timeout(SNAPSHOT_WAIT, pictures.changed()).await;
     let picture = pictures.borrow().clone();
     png_response(

@@ -19,9 +19,9 @@ pub struct SharedStatus {
     state: Mutex<State>,
     settings: watch::Sender<Settings>,
     configured: Settings,
-    picture: watch::Sender<Option<Arc<Picture>>>,
+    composite: Outlet,
+    pair: Outlet,
     environment: watch::Sender<Option<Arc<Picture>>>,
-    watchers: watch::Sender<u32>,
     askers: AtomicU32,
     recorder: OnceLock<Arc<dyn RecordingControl>>,
     calibrator: OnceLock<Arc<dyn CalibrationControl>>,
@@ -58,9 +58,9 @@ impl SharedStatus {
             state: Mutex::new(state),
             configured: settings.clone(),
             settings: watch::Sender::new(settings),
-            picture: watch::Sender::new(None),
+            composite: Outlet::default(),
+            pair: Outlet::default(),
             environment: watch::Sender::new(None),
-            watchers: watch::Sender::new(0),
             askers: AtomicU32::new(0),
             recorder: OnceLock::new(),
             calibrator: OnceLock::new(),
@@ -104,7 +104,8 @@ impl SharedStatus {
         };
         snapshot.program.uptime_seconds = now.seconds_since(self.started);
         snapshot.frames.last_age_ms = last.map(|at| now.seconds_since(at) * 1e3);
-        snapshot.stream.viewers = *self.watchers.borrow();
+        let viewers = [&self.composite, &self.pair].map(|outlet| *outlet.watchers.borrow());
+        snapshot.stream.viewers = viewers.iter().sum();
         snapshot.settings_requested = self.settings.borrow().clone();
         snapshot.settings_configured = self.configured.clone();
         snapshot
@@ -119,7 +120,13 @@ impl SharedStatus {
     /// Publishes the newest composited picture. Needed only while [`Self::wants_picture`], and once
     /// at the end of a recording, so that the last picture remains.
     pub fn publish_picture(&self, picture: Arc<Picture>) {
-        self.picture.send_replace(Some(picture));
+        self.composite.pictures.send_replace(Some(picture));
+    }
+
+    /// Publishes the newest composited picture with the camera's picture of the same frame below it.
+    /// Needed only while [`Self::wants_pair`].
+    pub fn publish_pair(&self, pair: Arc<Picture>) {
+        self.pair.pictures.send_replace(Some(pair));
     }
 
     /// Publishes the environment map as an equirectangular preview with the dome lights marked.
@@ -131,7 +138,20 @@ impl SharedStatus {
     /// Whether a viewer needs the picture to be read back.
     #[must_use]
     pub fn wants_picture(&self) -> bool {
-        *self.watchers.borrow() > 0 || self.askers.load(Ordering::Relaxed) > 0
+        *self.composite.watchers.borrow() > 0 || self.askers.load(Ordering::Relaxed) > 0
+    }
+
+    /// Whether a viewer compares the picture with the camera's.
+    #[must_use]
+    pub fn wants_pair(&self) -> bool {
+        *self.pair.watchers.borrow() > 0
+    }
+
+    const fn outlet(&self, view: View) -> &Outlet {
+        match view {
+            View::Composite => &self.composite,
+            View::Pair => &self.pair,
+        }
     }
 
     /// Returns the requested settings; the newest request wins.
@@ -189,10 +209,10 @@ impl SharedStatus {
         self.calibrator.get().cloned()
     }
 
-    /// Subscribes to the composited pictures; the newest wins.
+    /// Subscribes to the pictures of a view; the newest wins.
     #[must_use]
-    pub fn pictures(&self) -> watch::Receiver<Option<Arc<Picture>>> {
-        self.picture.subscribe()
+    pub fn pictures(&self, view: View) -> watch::Receiver<Option<Arc<Picture>>> {
+        self.outlet(view).pictures.subscribe()
     }
 
     /// Returns the newest preview of the environment.
@@ -201,17 +221,17 @@ impl SharedStatus {
         self.environment.borrow().clone()
     }
 
-    /// Subscribes to the number of viewers of the stream.
+    /// Subscribes to the number of viewers of a stream.
     #[must_use]
-    pub fn viewers(&self) -> watch::Receiver<u32> {
-        self.watchers.subscribe()
+    pub fn viewers(&self, view: View) -> watch::Receiver<u32> {
+        self.outlet(view).watchers.subscribe()
     }
 
-    /// Counts a viewer of the stream until the guard is dropped.
+    /// Counts a viewer of a stream until the guard is dropped.
     #[must_use]
-    pub fn count_viewer(self: &Arc<Self>) -> Watching {
-        self.watchers.send_modify(|n| *n += 1);
-        Watching(Arc::clone(self))
+    pub fn count_viewer(self: &Arc<Self>, view: View) -> Watching {
+        self.outlet(view).watchers.send_modify(|n| *n += 1);
+        Watching(Arc::clone(self), view)
     }
 
     /// Counts a request for a single picture until the guard is dropped.
@@ -227,12 +247,37 @@ impl SharedStatus {
     }
 }
 
-/// Guard of a viewer of the stream.
-pub struct Watching(Arc<SharedStatus>);
+/// What a stream shows.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum View {
+    /// The composited picture.
+    Composite,
+    /// The same, with the camera's picture of the same frame below it.
+    Pair,
+}
+
+/// The pictures of a view and the number of its viewers.
+struct Outlet {
+    pictures: watch::Sender<Option<Arc<Picture>>>,
+    watchers: watch::Sender<u32>,
+}
+
+impl Default for Outlet {
+    fn default() -> Self {
+        Self {
+            pictures: watch::Sender::new(None),
+            watchers: watch::Sender::new(0),
+        }
+    }
+}
+
+/// Guard of a viewer of a stream.
+pub struct Watching(Arc<SharedStatus>, View);
 
 impl Drop for Watching {
     fn drop(&mut self) {
-        self.0.watchers.send_modify(|n| *n = n.saturating_sub(1));
+        let watchers = &self.0.outlet(self.1).watchers;
+        watchers.send_modify(|n| *n = n.saturating_sub(1));
     }
 }
 
@@ -297,12 +342,17 @@ mod tests {
     fn pictures_are_requested_while_there_are_viewers() {
         let (shared, _) = shared();
         assert!(!shared.wants_picture());
-        let (first, second) = (shared.count_viewer(), shared.count_viewer());
+        let viewer = || shared.count_viewer(View::Composite);
+        let (first, second) = (viewer(), viewer());
         drop(first);
         assert!(shared.wants_picture());
         assert_eq!(shared.snapshot().stream.viewers, 1);
         drop(second);
         assert!(!shared.wants_picture());
+        let comparing = shared.count_viewer(View::Pair);
+        assert!(shared.wants_pair() && !shared.wants_picture());
+        drop(comparing);
+        assert!(!shared.wants_pair());
         let asking = shared.ask();
         assert!(shared.wants_picture());
         drop(asking);

@@ -4,6 +4,7 @@
 mod controls;
 mod health;
 mod layout;
+mod picture;
 #[path = "../support/mod.rs"]
 mod support;
 

@@ -88,6 +88,12 @@ fn feed(shared: &SharedStatus, stop: &AtomicBool, held: &AtomicBool) {
         let wobble = 1.0 + 0.12 * (frame as f64 / 9.0).sin() + 0.05 * (frame as f64 * 1.7).sin();
         let scale = wobble * f64::from(requested.light_count) / 64.0;
         shared.update(|s| advance(s, frame, scale, requested));
+        if shared.wants_pair() {
+            let mut pair = rolling_ball(frame, visible);
+            pair.rgba.extend(rolling_ball(frame, false).rgba);
+            pair.height *= 2;
+            shared.publish_pair(Arc::new(pair));
+        }
         if shared.wants_picture() {
             shared.publish_picture(Arc::new(rolling_ball(frame, visible)));
         }

@@ -4,9 +4,10 @@
 import { calibrate } from './calibrate.js';
 import { remember, spark } from './charts.js';
 import { exposure } from './exposure.js';
-import { health, healthUnknown, isFresh } from './health.js';
+import { health, healthUnknown } from './health.js';
 import { lamps } from './lamps.js';
 import { buildLog, log } from './log.js';
+import { buildPicture, openStream, picture } from './picture.js';
 import { buildPlanes, planes } from './planes.js';
 import { buildPresets, presets } from './presets.js';
 import { recording } from './recording.js';
@@ -42,42 +43,6 @@ const METHOD_TEXTS = {
   configured: 'Matched with the factors written in the config file.',
   none: 'The cameras are not matched.',
 };
-
-// ── picture ─────────────────────────────────────────────────────────────────────────
-
-let streamRound = 0;
-
-/** Opens the stream again; a broken one does not recover by itself. */
-function openStream() {
-  streamRound += 1;
-  $('picture').src = `/stream.mjpeg?n=${streamRound}`;
-}
-
-/** Closes the stream while the page is hidden, so that the rig need not encode. */
-function closeStream() {
-  $('picture').removeAttribute('src');
-}
-
-function picture(s) {
-  const { width, height } = s.resolution;
-  if (width && height) $('screen').style.aspectRatio = `${width} / ${height}`;
-  put($('picture-facts'), width ? `${width} × ${height}` : '');
-  const note = $('picture-note');
-  const moving = ['live', 'replaying'].includes(s.session.state);
-  const still = moving && !isFresh(s);
-  if (!s.frames.composed) put(note, 'Waiting for the first picture …');
-  else if (still) put(note, `No new picture for ${age(s.frames.last_age_ms)}`);
-  note.toggleAttribute('data-over', still);
-  note.hidden = Boolean(s.frames.composed) && !still;
-}
-
-$('full').addEventListener('click', () => $('screen').requestFullscreen?.());
-document.addEventListener('visibilitychange', () => {
-  if (document.hidden) closeStream();
-  else openStream();
-});
-window.addEventListener('pagehide', closeStream);
-window.addEventListener('pageshow', (event) => { if (event.persisted) openStream(); });
 
 // ── cards ───────────────────────────────────────────────────────────────────────────
 
@@ -357,6 +322,7 @@ async function poll() {
   setTimeout(poll, up ? POLL_MS : RETRY_MS);
 }
 
+buildPicture();
 buildSettings();
 buildPlanes();
 buildPresets();
