@@ -933,3 +933,25 @@ fn log_tells_what_happened_after_a_number() {
     assert_eq!(server.get("/log?after=x").status, 400);
     assert_eq!(server.get("/log?before=1").status, 400);
 }
+
+#[test]
+fn playback_is_changed_by_requests_and_refused_where_it_is_closed() {
+    let server = Server::start(None);
+    let post =
+        |body: &str| server.request("POST /playback", &["Content-Type: application/json"], body);
+    let refused = post(r#"{"paused": true}"#);
+    assert_eq!(refused.status, 409);
+    assert_eq!(refused.json()["error"], "playback: no recording plays");
+    server.shared.open_playback(true, Some(12.0), None);
+    let answer = post(r#"{"paused": true, "position": 0.5}"#);
+    assert_eq!(answer.status, 202);
+    assert_eq!(answer.json()["paused"], true);
+    let playback = &server.get("/status").json()["playback"];
+    assert_eq!(
+        (&playback["jumps_requested"], &playback["jumps"]),
+        (&1.into(), &0.into()),
+        "the rig has not jumped yet"
+    );
+    assert_eq!(post(r#"{"position": 2}"#).status, 422);
+    assert_eq!(server.request("POST /playback", &[], "{}").status, 415);
+}

@@ -42,6 +42,7 @@ mod latency_monitor;
 pub mod light;
 mod pace;
 mod planes;
+mod playback;
 mod poses;
 pub mod prepare;
 mod registration;

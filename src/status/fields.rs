@@ -424,6 +424,27 @@ pub const STATUS_FIELDS: &[(&str, &str)] = &[
         "Mean linear brightness removed by virtual shadows; null likewise.",
     ),
     (
+        "playback.closed",
+        "Why the playback cannot be controlled; null if it can.",
+    ),
+    ("playback.paused", "Whether the picture stands still."),
+    (
+        "playback.repeat",
+        "Whether the recording starts again at its end.",
+    ),
+    (
+        "playback.jumps_requested",
+        "Number of jumps to another position that were requested.",
+    ),
+    (
+        "playback.jumps",
+        "Number of the jump after which the newest picture was composed; a jump is done when both are equal.",
+    ),
+    (
+        "playback.duration_s",
+        "Length of the recording, s; null when live.",
+    ),
+    (
         "recording.state",
         "`unavailable` (a recording plays), `idle`, `recording`, `finished` or `failed`.",
     ),

@@ -15,6 +15,7 @@ pub mod log;
 pub mod metrics;
 mod places;
 pub mod planes;
+pub mod playback;
 pub mod preview;
 mod probe;
 pub mod recording;
@@ -30,6 +31,7 @@ pub mod times;
 
 pub use fields::STATUS_FIELDS;
 pub use penumbra_config::token::is_token;
+pub use playback::Playback;
 pub use preview::environment_preview;
 pub use probe::ProbeStatus;
 pub use registration::{DisplayStatus, RegistrationSource, RegistrationStatus};

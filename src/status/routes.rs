@@ -5,6 +5,7 @@ use super::calibration_routes;
 use super::guard::{self, Gate, Token};
 use super::health::health;
 use super::metrics::{METRICS_CONTENT_TYPE, metrics};
+use super::playback::{PlaybackChange, PlaybackRefusal};
 use super::recording::RecordingRequest;
 use super::settings::{Settings, SettingsChange, SettingsError};
 use super::shared::View;
@@ -49,6 +50,7 @@ pub fn router(app: App, token: Option<Arc<Token>>) -> Router {
         .route("/log", get(log))
         .route("/settings", post(settings))
         .route("/recording", post(recording))
+        .route("/playback", post(playback))
         .merge(calibration_routes::routes())
         .route("/stream.mjpeg", get(|app| stream(app, View::Composite)))
         .route("/compare.mjpeg", get(|app| stream(app, View::Pair)))
@@ -61,7 +63,7 @@ pub fn router(app: App, token: Option<Arc<Token>>) -> Router {
 }
 
 const NOT_FOUND: &str = "not here; there are / /status /metrics /healthz /log /settings \
-    /recording /calibration /stream.mjpeg /compare.mjpeg /snapshot.png /environment.png /whitebalance.json\n";
+    /playback /recording /calibration /stream.mjpeg /compare.mjpeg /snapshot.png /environment.png /whitebalance.json\n";
 
 async fn not_found() -> Response {
     (StatusCode::NOT_FOUND, NOT_FOUND).into_response()
@@ -89,6 +91,7 @@ async fn dashboard_file(Path(file): Path<String>) -> Response {
         "lamps.js" => asset(SCRIPT, include_str!("dashboard/lamps.js")).await,
         "log.js" => asset(SCRIPT, include_str!("dashboard/log.js")).await,
         "picture.js" => asset(SCRIPT, include_str!("dashboard/picture.js")).await,
+        "playback.js" => asset(SCRIPT, include_str!("dashboard/playback.js")).await,
         "planes.js" => asset(SCRIPT, include_str!("dashboard/planes.js")).await,
         "presets.js" => asset(SCRIPT, include_str!("dashboard/presets.js")).await,
         "requests.js" => asset(SCRIPT, include_str!("dashboard/requests.js")).await,
@@ -167,6 +170,21 @@ async fn recording(State(app): State<App>, headers: HeaderMap, body: Bytes) -> R
         Ok(Ok(recording)) => (StatusCode::ACCEPTED, Json(recording)).into_response(),
         Ok(Err(error)) => problem(StatusCode::CONFLICT, &error.to_string()),
         Err(error) => problem(StatusCode::INTERNAL_SERVER_ERROR, &error.to_string()),
+    }
+}
+
+/// Pauses, repeats or jumps; `/status` shows when it has been done.
+async fn playback(State(app): State<App>, headers: HeaderMap, body: Bytes) -> Response {
+    if !is_json(&headers) {
+        let text = "playback: send the request as Content-Type: application/json";
+        return problem(StatusCode::UNSUPPORTED_MEDIA_TYPE, text);
+    }
+    match PlaybackChange::from_json(&body).and_then(|change| app.shared.play(&change)) {
+        Ok(playback) => (StatusCode::ACCEPTED, Json(playback)).into_response(),
+        Err(error @ PlaybackRefusal::Closed { .. }) => {
+            problem(StatusCode::CONFLICT, &error.to_string())
+        }
+        Err(error) => problem(StatusCode::UNPROCESSABLE_ENTITY, &error.to_string()),
     }
 }
 

@@ -2,6 +2,7 @@
 
 use super::calibration::CalibrationControl;
 use super::log::{Level, Log, LogEntry};
+use super::playback::{Playback, PlaybackChange, PlaybackRefusal, PlaybackStatus};
 use super::recording::{Recording, RecordingControl, RecordingRefusal, RecordingRequest};
 use super::settings::{Settings, SettingsChange, SettingsError};
 use super::snapshot::Snapshot;
@@ -18,6 +19,7 @@ pub struct SharedStatus {
     started: MonotonicTime,
     state: Mutex<State>,
     settings: watch::Sender<Settings>,
+    playback: watch::Sender<Playback>,
     configured: Settings,
     composite: Outlet,
     pair: Outlet,
@@ -57,6 +59,7 @@ impl SharedStatus {
             clock,
             state: Mutex::new(state),
             configured: settings.clone(),
+            playback: watch::Sender::new(Playback::default()),
             settings: watch::Sender::new(settings),
             composite: Outlet::default(),
             pair: Outlet::default(),
@@ -106,6 +109,10 @@ impl SharedStatus {
         snapshot.frames.last_age_ms = last.map(|at| now.seconds_since(at) * 1e3);
         let viewers = [&self.composite, &self.pair].map(|outlet| *outlet.watchers.borrow());
         snapshot.stream.viewers = viewers.iter().sum();
+        let playback = *self.playback.borrow();
+        snapshot.playback.paused = playback.paused;
+        snapshot.playback.repeat = playback.repeat;
+        snapshot.playback.jumps_requested = playback.jumps;
         snapshot.settings_requested = self.settings.borrow().clone();
         snapshot.settings_configured = self.configured.clone();
         snapshot
@@ -182,6 +189,40 @@ impl SharedStatus {
             self.lock().log.add(Level::Info, &text);
         }
         Ok(after)
+    }
+
+    /// Opens the playback to requests, or states why it is closed to them.
+    pub fn open_playback(&self, repeat: bool, duration_s: Option<f64>, closed: Option<&str>) {
+        self.playback
+            .send_modify(|playback| playback.repeat = repeat);
+        self.update(|s| {
+            s.playback.closed = closed.map(str::to_owned);
+            s.playback.duration_s = duration_s;
+        });
+    }
+
+    /// Pauses, repeats or jumps, and returns the status of the playback.
+    ///
+    /// # Errors
+    /// The playback cannot be controlled.
+    pub fn play(&self, change: &PlaybackChange) -> Result<PlaybackStatus, PlaybackRefusal> {
+        if let Some(reason) = self.lock().snapshot.playback.closed.clone() {
+            return Err(PlaybackRefusal::Closed { reason });
+        }
+        self.playback
+            .send_modify(|playback| change.apply_to(playback));
+        Ok(self.snapshot().playback)
+    }
+
+    /// Pauses at the end of a recording that is no longer repeated.
+    pub fn pause(&self) {
+        self.playback.send_modify(|playback| playback.paused = true);
+    }
+
+    /// Returns the requested playback; the newest request wins.
+    #[must_use]
+    pub fn playback_receiver(&self) -> watch::Receiver<Playback> {
+        self.playback.subscribe()
     }
 
     /// Sets the recorder that handles requests to record. Only the first call has an effect.

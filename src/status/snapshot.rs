@@ -4,6 +4,7 @@
 //! compares the two. Numbers that are not finite appear as `null`.
 
 use super::planes::PlanesStatus;
+use super::playback::PlaybackStatus;
 use super::probe::ProbeStatus;
 use super::recording::Recording;
 use super::registration::RegistrationStatus;
@@ -49,6 +50,8 @@ pub struct Snapshot {
     pub planes: PlanesStatus,
     /// Exposure of the output.
     pub exposure: ExposureStatus,
+    /// Playback of a recording.
+    pub playback: PlaybackStatus,
     /// Recording.
     pub recording: Recording,
     /// Cameras and trackers.
@@ -89,6 +92,7 @@ impl Default for Snapshot {
             scene: SceneStatus::default(),
             planes: PlanesStatus::default(),
             exposure: ExposureStatus::default(),
+            playback: PlaybackStatus::default(),
             recording: Recording::default(),
             devices: Vec::new(),
             adapter: Adapter::default(),

@@ -5,6 +5,7 @@ mod controls;
 mod health;
 mod layout;
 mod picture;
+mod playback;
 #[path = "../support/mod.rs"]
 mod support;
 

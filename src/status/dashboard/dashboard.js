@@ -8,6 +8,7 @@ import { health, healthUnknown } from './health.js';
 import { lamps } from './lamps.js';
 import { buildLog, log } from './log.js';
 import { buildPicture, openStream, picture } from './picture.js';
+import { buildPlayback, playback } from './playback.js';
 import { buildPlanes, planes } from './planes.js';
 import { buildPresets, presets } from './presets.js';
 import { recording } from './recording.js';
@@ -271,6 +272,7 @@ function render(s, askedAt) {
   health(s);
   log(s);
   picture(s);
+  playback(s);
   settings(s, askedAt);
   presets(s);
   warnings(s);
@@ -323,6 +325,7 @@ async function poll() {
 }
 
 buildPicture();
+buildPlayback();
 buildSettings();
 buildPlanes();
 buildPresets();
