@@ -40,6 +40,7 @@ mod held_frames;
 mod journal;
 mod latency_monitor;
 pub mod light;
+mod objects;
 mod pace;
 mod planes;
 mod playback;

@@ -415,8 +415,7 @@ impl Worker {
             entry,
         } = journaled;
         let first = *self.first_captured_at.get_or_insert(frame.captured_at);
-        let is_late = |pace: &Pace| pace.is_late(frame.scene.arrived_at);
-        if self.pace.as_ref().is_some_and(is_late) {
+        if self.is_late(&frame) {
             return PreparationEvent::Skipped;
         }
         let begun = Instant::now();
@@ -470,6 +469,12 @@ impl Worker {
             counts,
             frame,
         }))
+    }
+
+    /// Returns whether a frame would be skipped because it is late.
+    fn is_late(&self, frame: &RigFrame) -> bool {
+        let is_late = |pace: &Pace| pace.is_late(frame.scene.arrived_at);
+        self.pace.as_ref().is_some_and(is_late)
     }
 
     /// Registers a picture by fiducials if the rig uses them, otherwise by the tracker's pose

@@ -413,6 +413,8 @@ impl Run {
             look: look(&context.config.look, &context.setup.calibration, prepared),
         })?;
         self.has_picture = true;
+        self.scenes
+            .set_view(prepared.world_from_camera, prepared.seconds);
         Ok(())
     }
 

@@ -332,6 +332,27 @@ pub const STATUS_FIELDS: &[(&str, &str)] = &[
         "Why the newest change was not applied; null if it was.",
     ),
     (
+        "objects.requested",
+        "Number of changes of virtual objects that were requested.",
+    ),
+    (
+        "objects.shown",
+        "Number of the change that the newest picture shows; nothing is under way when both are equal.",
+    ),
+    (
+        "objects.list[].name",
+        "A virtual object, in the order of the scene.",
+    ),
+    (
+        "objects.list[].offset_m[]",
+        "Its requested displacement from its place in the scene's files, world (+Z up), m.",
+    ),
+    (
+        "objects.list[].turn_deg",
+        "Its requested turn about the vertical, degrees.",
+    ),
+    ("objects.list[].scale", "Its requested scale."),
+    (
         "planes.state",
         "Shadowing planes: `off` (another technique is active), `baking`, `ready` or `failed`.",
     ),
@@ -663,6 +684,7 @@ pub const STATUS_FIELDS: &[(&str, &str)] = &[
 mod tests {
     use super::*;
     use crate::Snapshot;
+    use crate::objects::ObjectPlace;
     use crate::snapshot::{
         Control, Device, LampStatus, WhiteBalanceEstimate, WhiteBalanceMethod, WhiteMatch,
     };
@@ -682,6 +704,7 @@ mod tests {
             ..Device::new("a", DeviceKind::Tracker)
         }];
         s.warn("a");
+        s.objects.list = vec![ObjectPlace::default()];
         s.lighting.probe = Some(crate::ProbeStatus::default());
         s.registration.display = Some(crate::DisplayStatus::default());
         s.lighting.dominant_direction = Some([0.0, 0.0, 1.0]);

@@ -13,6 +13,7 @@ mod guard;
 pub mod health;
 pub mod log;
 pub mod metrics;
+pub mod objects;
 mod places;
 pub mod planes;
 pub mod playback;

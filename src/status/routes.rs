@@ -5,6 +5,7 @@ use super::calibration_routes;
 use super::guard::{self, Gate, Token};
 use super::health::health;
 use super::metrics::{METRICS_CONTENT_TYPE, metrics};
+use super::objects::{ObjectRefusal, ObjectRequest};
 use super::playback::{PlaybackChange, PlaybackRefusal};
 use super::recording::RecordingRequest;
 use super::settings::{Settings, SettingsChange, SettingsError};
@@ -51,6 +52,7 @@ pub fn router(app: App, token: Option<Arc<Token>>) -> Router {
         .route("/settings", post(settings))
         .route("/recording", post(recording))
         .route("/playback", post(playback))
+        .route("/objects", post(objects))
         .merge(calibration_routes::routes())
         .route("/stream.mjpeg", get(|app| stream(app, View::Composite)))
         .route("/compare.mjpeg", get(|app| stream(app, View::Pair)))
@@ -63,7 +65,7 @@ pub fn router(app: App, token: Option<Arc<Token>>) -> Router {
 }
 
 const NOT_FOUND: &str = "not here; there are / /status /metrics /healthz /log /settings \
-    /playback /recording /calibration /stream.mjpeg /compare.mjpeg /snapshot.png /environment.png /whitebalance.json\n";
+    /playback /objects /recording /calibration /stream.mjpeg /compare.mjpeg /snapshot.png /environment.png /whitebalance.json\n";
 
 async fn not_found() -> Response {
     (StatusCode::NOT_FOUND, NOT_FOUND).into_response()
@@ -90,6 +92,7 @@ async fn dashboard_file(Path(file): Path<String>) -> Response {
         "health.js" => asset(SCRIPT, include_str!("dashboard/health.js")).await,
         "lamps.js" => asset(SCRIPT, include_str!("dashboard/lamps.js")).await,
         "log.js" => asset(SCRIPT, include_str!("dashboard/log.js")).await,
+        "objects.js" => asset(SCRIPT, include_str!("dashboard/objects.js")).await,
         "picture.js" => asset(SCRIPT, include_str!("dashboard/picture.js")).await,
         "playback.js" => asset(SCRIPT, include_str!("dashboard/playback.js")).await,
         "planes.js" => asset(SCRIPT, include_str!("dashboard/planes.js")).await,
@@ -185,6 +188,28 @@ async fn playback(State(app): State<App>, headers: HeaderMap, body: Bytes) -> Re
             problem(StatusCode::CONFLICT, &error.to_string())
         }
         Err(error) => problem(StatusCode::UNPROCESSABLE_ENTITY, &error.to_string()),
+    }
+}
+
+/// Answers what is at a place in the picture, or moves, turns or scales an object.
+async fn objects(State(app): State<App>, headers: HeaderMap, body: Bytes) -> Response {
+    if !is_json(&headers) {
+        let text = "objects: send the request as Content-Type: application/json";
+        return problem(StatusCode::UNSUPPORTED_MEDIA_TYPE, text);
+    }
+    let request = match ObjectRequest::from_json(&body) {
+        Ok(request) => request,
+        Err(error) => return problem(StatusCode::UNPROCESSABLE_ENTITY, &error.to_string()),
+    };
+    // Casting rays at large models may take a moment.
+    let shared = Arc::clone(&app.shared);
+    match tokio::task::spawn_blocking(move || shared.change_object(&request)).await {
+        Ok(Ok(answer)) => (StatusCode::ACCEPTED, Json(answer)).into_response(),
+        Ok(Err(error @ ObjectRefusal::Unavailable { .. })) => {
+            problem(StatusCode::CONFLICT, &error.to_string())
+        }
+        Ok(Err(error)) => problem(StatusCode::UNPROCESSABLE_ENTITY, &error.to_string()),
+        Err(error) => problem(StatusCode::INTERNAL_SERVER_ERROR, &error.to_string()),
     }
 }
 

@@ -2,6 +2,7 @@
 
 use super::calibration::CalibrationControl;
 use super::log::{Level, Log, LogEntry};
+use super::objects::{ObjectAnswer, ObjectControl, ObjectRefusal, ObjectRequest};
 use super::playback::{Playback, PlaybackChange, PlaybackRefusal, PlaybackStatus};
 use super::recording::{Recording, RecordingControl, RecordingRefusal, RecordingRequest};
 use super::settings::{Settings, SettingsChange, SettingsError};
@@ -27,6 +28,7 @@ pub struct SharedStatus {
     askers: AtomicU32,
     recorder: OnceLock<Arc<dyn RecordingControl>>,
     calibrator: OnceLock<Arc<dyn CalibrationControl>>,
+    objects: OnceLock<Arc<dyn ObjectControl>>,
 }
 
 #[derive(Default)]
@@ -67,6 +69,7 @@ impl SharedStatus {
             askers: AtomicU32::new(0),
             recorder: OnceLock::new(),
             calibrator: OnceLock::new(),
+            objects: OnceLock::new(),
         })
     }
 
@@ -237,6 +240,25 @@ impl SharedStatus {
     pub fn record(&self, request: &RecordingRequest) -> Result<Recording, RecordingRefusal> {
         let recorder = self.recorder.get().ok_or(RecordingRefusal::Unavailable)?;
         recorder.carry_out(request)
+    }
+
+    /// Sets what handles requests to move objects. Only the first call has an effect.
+    pub fn set_object_control(&self, objects: Arc<dyn ObjectControl>) {
+        let _ = self.objects.set(objects);
+    }
+
+    /// Answers what is at a place in the picture, or changes an object.
+    ///
+    /// # Errors
+    /// The request cannot be met.
+    pub fn change_object(&self, request: &ObjectRequest) -> Result<ObjectAnswer, ObjectRefusal> {
+        let objects = self
+            .objects
+            .get()
+            .ok_or_else(|| ObjectRefusal::Unavailable {
+                reason: "the rig shows no virtual objects yet".to_owned(),
+            })?;
+        objects.carry_out(request)
     }
 
     /// Sets the calibrator that handles requests to calibrate. Only the first call has an effect.

@@ -3,6 +3,7 @@
 //! [`STATUS_FIELDS`](super::STATUS_FIELDS) describes every field for readers of the JSON; a test
 //! compares the two. Numbers that are not finite appear as `null`.
 
+use super::objects::ObjectsStatus;
 use super::planes::PlanesStatus;
 use super::playback::PlaybackStatus;
 use super::probe::ProbeStatus;
@@ -46,6 +47,8 @@ pub struct Snapshot {
     pub lighting: LightingStatus,
     /// The scene and its file.
     pub scene: SceneStatus,
+    /// Virtual objects and their places.
+    pub objects: ObjectsStatus,
     /// Shadowing planes.
     pub planes: PlanesStatus,
     /// Exposure of the output.
@@ -90,6 +93,7 @@ impl Default for Snapshot {
             white_balance: WhiteBalance::default(),
             lighting: LightingStatus::default(),
             scene: SceneStatus::default(),
+            objects: ObjectsStatus::default(),
             planes: PlanesStatus::default(),
             exposure: ExposureStatus::default(),
             playback: PlaybackStatus::default(),

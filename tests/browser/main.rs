@@ -4,6 +4,7 @@
 mod controls;
 mod health;
 mod layout;
+mod objects;
 mod picture;
 mod playback;
 #[path = "../support/mod.rs"]

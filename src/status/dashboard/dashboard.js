@@ -7,6 +7,7 @@ import { exposure } from './exposure.js';
 import { health, healthUnknown } from './health.js';
 import { lamps } from './lamps.js';
 import { buildLog, log } from './log.js';
+import { buildObjects, objects } from './objects.js';
 import { buildPicture, openStream, picture } from './picture.js';
 import { buildPlayback, playback } from './playback.js';
 import { buildPlanes, planes } from './planes.js';
@@ -273,6 +274,7 @@ function render(s, askedAt) {
   log(s);
   picture(s);
   playback(s);
+  objects(s);
   settings(s, askedAt);
   presets(s);
   warnings(s);
@@ -326,6 +328,7 @@ async function poll() {
 
 buildPicture();
 buildPlayback();
+buildObjects();
 buildSettings();
 buildPlanes();
 buildPresets();

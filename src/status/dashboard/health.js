@@ -47,7 +47,7 @@ function lightSign(s) {
   const { stale, age_ms: old, dome_lights: lights } = s.lighting;
   if (stale) return ['bad', `Old light: ${stale}.`];
   if (!lights) return [s.frames.composed ? 'warn' : 'idle', 'Not measured yet.'];
-  return ['good', `${whole(lights)} dome lights, ${age(old)} old.`];
+  return ['good', `${whole(lights)} dome lights, ${age(Math.max(0, old))} old.`];
 }
 
 function graphicsSign({ adapter }) {

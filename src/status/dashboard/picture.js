@@ -49,6 +49,7 @@ function draw() {
 }
 
 function compare(on) {
+  if (on && $('move').ariaPressed === 'true') $('move').click();
   comparing = on;
   $('compare').ariaPressed = String(on);
   $('wipe-row').hidden = !on;

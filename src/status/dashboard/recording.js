@@ -4,6 +4,7 @@ import { post } from './requests.js';
 import { $, duration, flag, pill, put } from './text.js';
 
 const TONES = { idle: 'idle', recording: 'bad', finished: 'good', failed: 'warn' };
+const MAX_LEFT_S = 30 * 86_400; // more time left is no news
 const WORDS = { unavailable: 'live only', idle: 'not recording', recording: 'recording', finished: 'recorded', failed: 'ended early' };
 
 const button = $('record');
@@ -20,7 +21,7 @@ function size(bytes) {
 function line(r) {
   if (!r.file) return '';
   const parts = [r.file.split(/[\\/]/).pop(), size(r.bytes), duration(r.seconds)];
-  if (r.state === 'recording' && r.seconds_left !== null) parts.push(`${duration(r.seconds_left)} left`);
+  if (r.state === 'recording' && r.seconds_left !== null && r.seconds_left < MAX_LEFT_S) parts.push(`${duration(r.seconds_left)} left`);
   if (r.free_bytes !== null) parts.push(`${size(r.free_bytes)} free`);
   if (r.dropped) parts.push(`${r.dropped} dropped: the disk is too slow`);
   return parts.join(' · ');
