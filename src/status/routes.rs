@@ -78,34 +78,50 @@ async fn asset(content_type: &'static str, text: &'static str) -> Response {
     ([(header::CONTENT_TYPE, content_type)], text).into_response()
 }
 
+/// A file of the dashboard: name, content.
+macro_rules! file {
+    ($name:literal) => {
+        ($name, include_str!(concat!("dashboard/", $name)))
+    };
+}
+
 /// Files of the dashboard, which are part of the program.
+const FILES: [(&str, &str); 23] = [
+    file!("calibrate.css"),
+    file!("calibrate.js"),
+    file!("charts.js"),
+    file!("controls.css"),
+    file!("controls.js"),
+    file!("dashboard.css"),
+    file!("dashboard.js"),
+    file!("exposure.js"),
+    file!("favicon.svg"),
+    file!("health.js"),
+    file!("lamps.js"),
+    file!("log.js"),
+    file!("objects.js"),
+    file!("picture.js"),
+    file!("planes.js"),
+    file!("playback.js"),
+    file!("presets.js"),
+    file!("recording.js"),
+    file!("requests.js"),
+    file!("rows.js"),
+    file!("settings.js"),
+    file!("text.js"),
+    file!("theme.js"),
+];
+
 async fn dashboard_file(Path(file): Path<String>) -> Response {
-    match file.as_str() {
-        "dashboard.css" => asset(CSS, include_str!("dashboard/dashboard.css")).await,
-        "dashboard.js" => asset(SCRIPT, include_str!("dashboard/dashboard.js")).await,
-        "calibrate.js" => asset(SCRIPT, include_str!("dashboard/calibrate.js")).await,
-        "calibrate.css" => asset(CSS, include_str!("dashboard/calibrate.css")).await,
-        "controls.css" => asset(CSS, include_str!("dashboard/controls.css")).await,
-        "controls.js" => asset(SCRIPT, include_str!("dashboard/controls.js")).await,
-        "charts.js" => asset(SCRIPT, include_str!("dashboard/charts.js")).await,
-        "exposure.js" => asset(SCRIPT, include_str!("dashboard/exposure.js")).await,
-        "health.js" => asset(SCRIPT, include_str!("dashboard/health.js")).await,
-        "lamps.js" => asset(SCRIPT, include_str!("dashboard/lamps.js")).await,
-        "log.js" => asset(SCRIPT, include_str!("dashboard/log.js")).await,
-        "objects.js" => asset(SCRIPT, include_str!("dashboard/objects.js")).await,
-        "picture.js" => asset(SCRIPT, include_str!("dashboard/picture.js")).await,
-        "playback.js" => asset(SCRIPT, include_str!("dashboard/playback.js")).await,
-        "planes.js" => asset(SCRIPT, include_str!("dashboard/planes.js")).await,
-        "presets.js" => asset(SCRIPT, include_str!("dashboard/presets.js")).await,
-        "requests.js" => asset(SCRIPT, include_str!("dashboard/requests.js")).await,
-        "rows.js" => asset(SCRIPT, include_str!("dashboard/rows.js")).await,
-        "theme.js" => asset(SCRIPT, include_str!("dashboard/theme.js")).await,
-        "recording.js" => asset(SCRIPT, include_str!("dashboard/recording.js")).await,
-        "settings.js" => asset(SCRIPT, include_str!("dashboard/settings.js")).await,
-        "text.js" => asset(SCRIPT, include_str!("dashboard/text.js")).await,
-        "favicon.svg" => asset("image/svg+xml", include_str!("dashboard/favicon.svg")).await,
-        _ => not_found().await,
-    }
+    let Some((name, text)) = FILES.iter().find(|(name, _)| *name == file) else {
+        return not_found().await;
+    };
+    let content_type = match name.rsplit_once('.') {
+        Some((_, "css")) => CSS,
+        Some((_, "svg")) => "image/svg+xml",
+        _ => SCRIPT,
+    };
+    asset(content_type, text).await
 }
 
 async fn status(State(app): State<App>) -> Json<Snapshot> {
