@@ -918,3 +918,57 @@ fn shared_server() -> &'static Server {
     static SERVER: std::sync::OnceLock<Server> = std::sync::OnceLock::new();
     SERVER.get_or_init(|| Server::start(None))
 }
+
+#[test]
+fn log_tells_what_happened_after_a_number() {
+    let server = Server::start(None);
+    let entries = |path: &str| {
+        server.get(path).json()["entries"]
+            .as_array()
+            .unwrap()
+            .clone()
+    };
+    assert!(entries("/log").is_empty());
+    server.shared.update(|s| s.warn("a lamp is clipped"));
+    server.post_settings(r#"{"light_count": 96, "indirect_light": false}"#);
+    let all = entries("/log");
+    assert_eq!(
+        (&all[0]["level"], &all[0]["text"]),
+        (&"warning".into(), &"a lamp is clipped".into())
+    );
+    assert_eq!(
+        (&all[1]["level"], &all[1]["text"]),
+        (
+            &"info".into(),
+            &"settings: indirect_light = false, light_count = 96".into()
+        )
+    );
+    assert!(all[1]["unix_ms"].as_u64() > Some(1_700_000_000_000));
+    assert_eq!(server.get("/status").json()["log"]["newest"], 2);
+    assert_eq!(entries("/log?after=1").len(), 1);
+    assert!(entries("/log?after=2").is_empty());
+    assert_eq!(server.get("/log?after=x").status, 400);
+    assert_eq!(server.get("/log?before=1").status, 400);
+}
+
+#[test]
+fn playback_is_changed_by_requests_and_refused_where_it_is_closed() {
+    let server = Server::start(None);
+    let post =
+        |body: &str| server.request("POST /playback", &["Content-Type: application/json"], body);
+    let refused = post(r#"{"paused": true}"#);
+    assert_eq!(refused.status, 409);
+    assert_eq!(refused.json()["error"], "playback: no recording plays");
+    server.shared.open_playback(true, Some(12.0), None);
+    let answer = post(r#"{"paused": true, "position": 0.5}"#);
+    assert_eq!(answer.status, 202);
+    assert_eq!(answer.json()["paused"], true);
+    let playback = &server.get("/status").json()["playback"];
+    assert_eq!(
+        (&playback["jumps_requested"], &playback["jumps"]),
+        (&1.into(), &0.into()),
+        "the rig has not jumped yet"
+    );
+    assert_eq!(post(r#"{"position": 2}"#).status, 422);
+    assert_eq!(server.request("POST /playback", &[], "{}").status, 415);
+}

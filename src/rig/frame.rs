@@ -49,6 +49,8 @@ pub struct PreparedFrame {
     pub counts: Counts,
     /// Number of pictures that a live rig skipped before this one.
     pub skipped: u64,
+    /// Number of the jump in the recording after which it was read.
+    pub jumps: u64,
 }
 
 /// Counts of received data, and the tracker's latency.

@@ -18,6 +18,7 @@ use crate::light::updates::SceneUpdates;
 use crate::light::view::SphereAt;
 use crate::light::worker::LightUpdater;
 use crate::pace::Pace;
+use crate::playback::{AtEnd, END_INTERVAL, Transport};
 use crate::registration::{TagRegistration, TrackerEstimate};
 use crate::settings::pairing_config;
 use crate::setup::RigSetup;
@@ -34,7 +35,7 @@ use penumbra_interface::{MonotonicTime, RigidTransform};
 use penumbra_picture::{Picture, YuvEncoding, decode_within};
 use penumbra_registration::TrackerPose;
 use penumbra_session::SessionError;
-use penumbra_status::{RegistrationStatus, Settings};
+use penumbra_status::{Playback, RegistrationStatus, Settings};
 use penumbra_sync::{PairingConfig, RigFrame};
 use std::ops::RangeInclusive;
 use std::sync::Arc;
@@ -72,12 +73,16 @@ pub enum PreparationEvent {
     Idle(Box<Counts>),
     /// The recording has ended; another loop may follow.
     End(Box<Counts>),
+    /// The recording has ended and is no longer repeated.
+    Pause,
 }
 
 /// Inputs that change while the preparation runs.
 pub(super) struct PreparationInputs {
     /// Settings requested by the dashboard.
     pub requested: watch::Receiver<Settings>,
+    /// Playback requested by the dashboard.
+    pub playback: watch::Receiver<Playback>,
     /// Changes of the scene.
     pub scene_updates: SceneUpdates,
     /// Time from a picture's arrival to the window.
@@ -105,8 +110,13 @@ impl Preparation {
         requested: watch::Receiver<Settings>,
         stop: Arc<AtomicBool>,
     ) -> Result<Self, RigError> {
+        let playback = Playback {
+            repeat: config.replay.repeat,
+            ..Playback::default()
+        };
         let inputs = PreparationInputs {
             requested,
+            playback: watch::Sender::new(playback).subscribe(),
             scene_updates: SceneUpdates::default(),
             display_latency: Arc::default(),
         };
@@ -123,6 +133,7 @@ impl Preparation {
     ) -> Result<Self, RigError> {
         let PreparationInputs {
             requested,
+            playback,
             scene_updates,
             display_latency,
         } = inputs;
@@ -158,7 +169,7 @@ impl Preparation {
             // An output folder receives every frame of the recording.
             pace: (!source.is_live())
                 .then(|| Pace::new(config.replay.speed, config.output.frames.is_some())),
-            repeat: config.replay.repeat && !source.is_live(),
+            transport: Transport::new(playback, source, !config.replay.repeat),
             steps: step_sender,
             requests: source.is_live().then_some(request_receiver),
             recycled: recycled_pictures,
@@ -225,7 +236,7 @@ struct Worker {
     yuv: YuvEncoding,
     /// Paces a recording; `None` for live devices.
     pace: Option<Pace>,
-    repeat: bool,
+    transport: Transport,
     steps: Sender<PreparationEvent>,
     /// Requests of the compositor: a live picture is chosen only when the compositor is free, so
     /// that it is the newest one.
@@ -240,33 +251,86 @@ struct Worker {
 impl Worker {
     /// Prepares frames until the source ends or [`Preparation`] is dropped.
     fn run(&mut self) {
+        self.restart();
         loop {
-            self.first_captured_at = None;
-            self.lights.restart();
-            if let Some(pace) = &mut self.pace {
-                pace.restart();
-            }
-            if !(self.run_once() && self.release(true)) {
+            if !(self.run_once() && (self.transport.wants_jump() || self.release(true))) {
                 return;
+            }
+            if self.transport.wants_jump() {
+                self.rewind();
+                self.transport.jump();
+                continue;
             }
             let counts = self.counts(true);
             let is_dropped = self
                 .steps
                 .send(PreparationEvent::End(Box::new(counts)))
                 .is_err();
-            if is_dropped || !self.repeat || counts.feed.scene_frames == 0 {
+            if is_dropped || counts.feed.scene_frames == 0 || !self.goes_on() {
                 return;
             }
-            self.feed.rewind(self.pairing);
-            if let Some(latency) = &mut self.latency {
-                latency.restart();
+            self.rewind();
+            if !self.transport.wants_jump() {
+                self.first_captured_at = None;
             }
         }
     }
 
-    /// Prepares frames until the source ends; false if nobody takes them any more.
+    /// Waits at the end of a recording that is no longer repeated; false if the run ends.
+    fn goes_on(&mut self) -> bool {
+        let mut has_paused = false;
+        self.follow_pauses();
+        loop {
+            match self.transport.at_end() {
+                AtEnd::Repeat => return true,
+                AtEnd::End => return false,
+                AtEnd::Wait if !has_paused => has_paused = self.send(PreparationEvent::Pause),
+                AtEnd::Wait if self.transport.has_resumed() => return true,
+                AtEnd::Wait => (),
+            }
+            if self.stop.load(Ordering::Relaxed) {
+                return false;
+            }
+            std::thread::sleep(END_INTERVAL);
+        }
+    }
+
+    /// Reads the recording from its beginning.
+    fn rewind(&mut self) {
+        self.feed.rewind(self.pairing);
+        if let Some(latency) = &mut self.latency {
+            latency.restart();
+        }
+        self.restart();
+    }
+
+    /// Forgets the frames before.
+    fn restart(&mut self) {
+        self.held = HeldFrames::default();
+        self.last_pose = None;
+        self.lights.restart();
+        if let Some(pace) = &mut self.pace {
+            pace.restart();
+        }
+    }
+
+    /// Restarts the pace after a pause.
+    fn follow_pauses(&mut self) {
+        if self.transport.has_resumed()
+            && let Some(pace) = &mut self.pace
+        {
+            pace.restart();
+        }
+    }
+
+    /// Prepares frames until the source ends or a jump is requested; false if nobody takes them any
+    /// more.
     fn run_once(&mut self) -> bool {
         loop {
+            if self.transport.wants_jump() {
+                return true;
+            }
+            self.follow_pauses();
             let request = self.requests.as_ref().map(Receiver::recv);
             if request.is_some_and(|request| request.is_err()) {
                 return false;
@@ -278,6 +342,9 @@ impl Worker {
                 }
             }
             let event = match next {
+                Next::Item(frame) if self.transport.passes(frame.frame.scene.arrived_at) => {
+                    continue;
+                }
                 Next::Item(frame) => self.step(*frame),
                 Next::Idle => PreparationEvent::Idle(Box::new(self.counts(false))),
                 Next::Ended => return true,
@@ -299,6 +366,10 @@ impl Worker {
     /// any more.
     fn release(&mut self, all: bool) -> bool {
         while let Some(mut frame) = self.held.pop(|at| all || self.lights.is_settled(at)) {
+            if self.transport.wants_jump() {
+                return true;
+            }
+            self.follow_pauses();
             frame.light = self.lights.light_at(frame.frame.captured_at);
             let arrived_at = frame.frame.scene.arrived_at;
             let is_due = |pace: &mut Pace| pace.wait(arrived_at, &self.stop);
@@ -344,8 +415,7 @@ impl Worker {
             entry,
         } = journaled;
         let first = *self.first_captured_at.get_or_insert(frame.captured_at);
-        let is_late = |pace: &Pace| pace.is_late(frame.scene.arrived_at);
-        if self.pace.as_ref().is_some_and(is_late) {
+        if self.is_late(&frame) {
             return PreparationEvent::Skipped;
         }
         let begun = Instant::now();
@@ -395,9 +465,16 @@ impl Worker {
             preview: light.preview.take(),
             warning: mismatch.or(light.picture_error.take()),
             skipped,
+            jumps: self.transport.jumps(),
             counts,
             frame,
         }))
+    }
+
+    /// Returns whether a frame would be skipped because it is late.
+    fn is_late(&self, frame: &RigFrame) -> bool {
+        let is_late = |pace: &Pace| pace.is_late(frame.scene.arrived_at);
+        self.pace.as_ref().is_some_and(is_late)
     }
 
     /// Registers a picture by fiducials if the rig uses them, otherwise by the tracker's pose

@@ -3,6 +3,7 @@
 
 use crate::error::RigError;
 use crate::light::scene_tables::SceneLight;
+use crate::objects::ObjectEditor;
 use crossbeam_channel::{Receiver, RecvTimeoutError, Sender, bounded};
 use penumbra_compositor::{Compositor, SceneUploader, UploadedScene};
 use penumbra_config::Config;
@@ -15,15 +16,21 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, SystemTime};
 
-/// Polling interval of the files. File system notifications would be faster, but are missing for
+/// Polling interval of requests to displace objects.
+const EDIT_EVERY: Duration = Duration::from_millis(25);
+/// Number of these intervals after which the files are polled, 250 ms. File system notifications would be faster, but are missing for
 /// network folders and after an editor has replaced a file by a new one.
-const POLL_EVERY: Duration = Duration::from_millis(250);
+const FILES_EVERY: u32 = 10;
 
 /// A changed scene, ready to be shown.
 pub(super) struct Loaded {
     pub scene: Arc<Scene>,
     pub uploaded: UploadedScene,
     pub light: SceneLight,
+    /// Number of the change of objects that it shows.
+    pub edits: u64,
+    /// Whether only objects were displaced, and no file has changed.
+    pub is_edit: bool,
 }
 
 impl Loaded {
@@ -39,6 +46,7 @@ impl Loaded {
     pub fn over(self, older: Self) -> Self {
         Self {
             light: self.light.over(older.light),
+            is_edit: self.is_edit && older.is_edit,
             ..self
         }
     }
@@ -54,8 +62,10 @@ pub(super) enum ReloadOutcome {
 
 /// Inputs of the reload thread.
 pub(super) struct Origin {
-    /// The scene file.
-    pub path: PathBuf,
+    /// The scene file, if there is one.
+    pub path: Option<PathBuf>,
+    /// Displaces the objects.
+    pub editor: Arc<ObjectEditor>,
     /// The session's scene without virtual objects.
     pub phantoms: Scene,
     /// The scene that was loaded last.
@@ -87,8 +97,12 @@ impl Reload {
         let uploader = origin.uploader.clone();
         let mut watcher = FileWatcher::new(origin);
         let thread = threads::spawn_background("scene", move || {
-            while stopped.recv_timeout(POLL_EVERY) == Err(RecvTimeoutError::Timeout) {
-                if let Some(outcome) = watcher.poll()
+            let mut intervals: u32 = 0;
+            while stopped.recv_timeout(EDIT_EVERY) == Err(RecvTimeoutError::Timeout) {
+                intervals = intervals.wrapping_add(1);
+                let polls = intervals.is_multiple_of(FILES_EVERY);
+                let changed = polls.then(|| watcher.poll()).flatten();
+                if let Some(outcome) = changed.or_else(|| watcher.poll_edits())
                     && sender.send(outcome).is_err()
                 {
                     return;
@@ -130,6 +144,8 @@ type Stamp = Option<(SystemTime, u64)>;
 /// Polls the files of the scene.
 struct FileWatcher {
     origin: Origin,
+    /// Number of the newest change of objects that was loaded.
+    edits: u64,
     files: Vec<PathBuf>,
     /// Stamps of the files when they were last read.
     read: Vec<Stamp>,
@@ -139,10 +155,11 @@ struct FileWatcher {
 
 impl FileWatcher {
     fn new(origin: Origin) -> Self {
-        let files = files_of(&origin.path);
+        let files = origin.path.as_deref().map(files_of).unwrap_or_default();
         let stamps = stamps(&files);
         Self {
             origin,
+            edits: 0,
             files,
             read: stamps.clone(),
             polled: stamps,
@@ -157,27 +174,44 @@ impl FileWatcher {
         if !is_stable || self.polled == self.read {
             return None;
         }
-        self.files = files_of(&self.origin.path);
+        let path = self.origin.path.clone()?;
+        self.files = files_of(&path);
         self.read = stamps(&self.files);
         self.polled.clone_from(&self.read);
-        let outcome = self.load();
+        let outcome = self.load(&path);
         Some(outcome.unwrap_or_else(|error| ReloadOutcome::Failed(error.to_string())))
     }
 
-    fn load(&mut self) -> Result<ReloadOutcome, RigError> {
+    /// Prepares the scene with the newest places of its objects, if they have changed.
+    fn poll_edits(&mut self) -> Option<ReloadOutcome> {
+        let (number, scene) = self.origin.editor.newer_than(self.edits)?;
+        self.edits = number;
+        let outcome = self.prepare(scene, true);
+        Some(outcome.unwrap_or_else(|error| ReloadOutcome::Failed(error.to_string())))
+    }
+
+    fn load(&mut self, path: &Path) -> Result<ReloadOutcome, RigError> {
+        let scene = SceneAddition::load(path)?.onto(self.origin.phantoms.clone());
+        let (number, scene) = self.origin.editor.set_base(Arc::new(scene));
+        self.edits = number;
+        self.prepare(scene, false)
+    }
+
+    fn prepare(&mut self, scene: Arc<Scene>, is_edit: bool) -> Result<ReloadOutcome, RigError> {
         let origin = &mut self.origin;
-        let scene = SceneAddition::load(&origin.path)?.onto(origin.phantoms.clone());
         let casters = casters(&scene);
-        let both = (&*origin.shown, &scene);
+        let both = (&*origin.shown, &*scene);
         let light = SceneLight::new(&origin.rig, &origin.config, both, &casters)?;
         // A copy, because a compositor that replaces it must not wait for the upload.
         let uploader = lock(&origin.uploader).clone();
         let uploaded = uploader.upload(&scene, &casters);
-        origin.shown = Arc::new(scene);
+        origin.shown = scene;
         Ok(ReloadOutcome::Loaded(Box::new(Loaded {
             scene: origin.shown.clone(),
             uploaded,
             light,
+            edits: self.edits,
+            is_edit,
         })))
     }
 }

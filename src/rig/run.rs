@@ -13,6 +13,7 @@ use crate::light::state::LightState;
 use crate::light::updates::SceneUpdates;
 use crate::picture_problems::PictureProblems;
 use crate::planes::PlaneBakes;
+use crate::playback::HOLD_INTERVAL;
 use crate::poses::PoseFile;
 use crate::rates::Rates;
 use crate::report::{FrameCounts, InputCounts, Report, SkewMeter};
@@ -32,7 +33,7 @@ use penumbra_picture::Picture;
 use penumbra_scene::PlacedLamp;
 use penumbra_status::RegistrationSource;
 use penumbra_status::snapshot::SessionState;
-use penumbra_status::{Settings, StageTimes};
+use penumbra_status::{Playback, Settings, SharedStatus, StageTimes};
 use penumbra_sync::Provenance;
 use penumbra_tracker_serial::freed::{FreedSender, Lens, optical_to_studio};
 use std::sync::Arc;
@@ -65,6 +66,19 @@ fn compositor(context: &RunContext, gpu: Gpu, writes_files: bool) -> Compositor 
     compositor
 }
 
+/// Publishes a composed picture with the camera's picture of the same frame below it.
+fn publish_pair(status: &SharedStatus, composed: &Picture, camera: &Picture) {
+    if (composed.width, composed.height) != (camera.width, camera.height) {
+        return;
+    }
+    let rgba = [composed.rgba.as_slice(), camera.rgba.as_slice()].concat();
+    status.publish_pair(Arc::new(Picture {
+        width: composed.width,
+        height: 2 * composed.height,
+        rgba,
+    }));
+}
+
 /// The state of a run.
 pub(super) struct Run {
     compositor: Compositor,
@@ -75,6 +89,15 @@ pub(super) struct Run {
     display_latency: Arc<DisplayLatency>,
     settings: Settings,
     requested: tokio::sync::watch::Receiver<Settings>,
+    playback: tokio::sync::watch::Receiver<Playback>,
+    /// The newest frame of a recording, for a pause.
+    kept: Option<Box<PreparedFrame>>,
+    /// Number of pictures composed again during pauses.
+    repeated: u64,
+    /// Whether the picture stands still.
+    holds: bool,
+    /// Whether the frame has been composed before.
+    is_again: bool,
     stages: StageTimes,
     pub frames: FrameCounts,
     pub damage: DamageLog,
@@ -133,6 +156,11 @@ impl Run {
             display_latency,
             settings: live_settings(config),
             requested: context.status.settings_receiver(),
+            playback: context.status.playback_receiver(),
+            kept: None,
+            repeated: 0,
+            holds: false,
+            is_again: false,
             stages: StageTimes::default(),
             frames: FrameCounts::default(),
             problems: PictureProblems::default(),
@@ -164,6 +192,44 @@ impl Run {
         let is_full = limit.is_some_and(|limit| self.frames.composed >= limit);
         let has_writer_ended = self.folder.as_ref().is_some_and(|f| !f.is_alive());
         is_full || self.is_closed || has_writer_ended || context.is_shutting_down()
+    }
+
+    /// During a pause: composes the newest frame again, so that settings take effect, and returns
+    /// true. A frame of before a jump is not held.
+    ///
+    /// # Errors
+    /// As [`Self::compose`].
+    pub fn hold(&mut self, context: &RunContext) -> Result<bool, RigError> {
+        let playback = *self.playback.borrow();
+        let is_held = |frame: &mut Box<PreparedFrame>| frame.jumps == playback.jumps;
+        self.holds = playback.paused;
+        let Some(frame) = self.kept.take_if(|f| playback.paused && is_held(f)) else {
+            return Ok(false);
+        };
+        let begun = Instant::now();
+        self.repeated += 1;
+        self.is_again = true;
+        let composed = self.compose(context, &frame);
+        self.is_again = false;
+        self.kept = Some(frame);
+        composed?;
+        std::thread::sleep(HOLD_INTERVAL.saturating_sub(begun.elapsed()));
+        Ok(true)
+    }
+
+    /// Keeps a composed frame of a recording and returns the frame that it replaces, or a frame of
+    /// live devices.
+    pub fn keep(
+        &mut self,
+        context: &RunContext,
+        mut frame: Box<PreparedFrame>,
+    ) -> Option<Box<PreparedFrame>> {
+        if context.source.is_live() || self.folder.is_some() {
+            return Some(frame);
+        }
+        // They have been counted and published.
+        (frame.skipped, frame.preview, frame.warning) = (0, None, None);
+        self.kept.replace(frame)
     }
 
     /// Composes a prepared frame, passes it to the outputs and publishes its status.
@@ -223,7 +289,9 @@ impl Run {
         self.counts = Some(prepared.counts);
         self.check_station(&prepared.counts);
         self.frames.skipped += prepared.skipped;
-        self.count(prepared);
+        if !self.is_again {
+            self.count(prepared);
+        }
         let environment = prepared.frame.environment.as_ref();
         let skew = environment.map(|e| e.skew_nanos);
         self.rates.record_composed(&prepared.counts.feed, skew);
@@ -233,6 +301,8 @@ impl Run {
             prepared,
             stages: &self.stages,
             frames: &self.frames,
+            repeated: self.repeated,
+            holds: self.holds,
             lost: self.damage.counts,
             rates: &self.rates,
             played: context.source.share_played(prepared.frame.scene.arrived_at),
@@ -346,6 +416,8 @@ impl Run {
             look: look(&context.config.look, &context.setup.calibration, prepared),
         })?;
         self.has_picture = true;
+        self.scenes
+            .set_view(prepared.world_from_camera, prepared.seconds);
         Ok(())
     }
 
@@ -359,15 +431,26 @@ impl Run {
         self.display_latency
             .add(SystemClock.now().nanos_since(arrived_at));
         let has_viewer = context.status.wants_picture();
+        let compares = context.status.wants_pair();
         if let Some(folder) = &self.folder {
             let mut picture = folder.spare();
             self.compositor.read(&mut picture)?;
+            if compares {
+                publish_pair(&context.status, &picture, &prepared.picture);
+            }
             if has_viewer {
                 context.status.publish_picture(Arc::new(picture.clone()));
             }
             folder.write(prepared.index, picture);
-        } else if has_viewer {
-            self.publish_picture(context)?;
+        } else if has_viewer || compares {
+            let mut picture = Picture::default();
+            self.compositor.read(&mut picture)?;
+            if compares {
+                publish_pair(&context.status, &picture, &prepared.picture);
+            }
+            if has_viewer {
+                context.status.publish_picture(Arc::new(picture));
+            }
         } else {
             self.compositor.gpu().wait()?;
         }

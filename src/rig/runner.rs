@@ -70,10 +70,12 @@ impl Runner {
         let poses = poses.map(|path| PoseFile::create(path, context.options.force));
         let poses = poses.transpose()?;
         let pose_out = context.config.output.freed.map(pose_sender).transpose()?;
+        crate::playback::open(context);
         let scene_updates = SceneUpdates::default();
         let display_latency = Arc::<DisplayLatency>::default();
         let inputs = PreparationInputs {
             requested: context.status.settings_receiver(),
+            playback: context.status.playback_receiver(),
             scene_updates: scene_updates.clone(),
             display_latency: display_latency.clone(),
         };
@@ -104,6 +106,10 @@ impl Runner {
         };
         let mut run = Run::new(context, gpu, outputs, scene_updates)?;
         while !run.is_over(context) {
+            if run.hold(context)? {
+                notifier.turn(|| status_line(context));
+                continue;
+            }
             let Some(event) = preparation.next() else {
                 break;
             };
@@ -124,15 +130,22 @@ fn handle(
 ) -> Result<(), RigError> {
     match event {
         PreparationEvent::Frame(prepared) => {
+            if !crate::playback::is_current(&context.status, prepared.jumps) {
+                preparation.give_back(prepared.picture);
+                return Ok(());
+            }
             run.check_size(context, &prepared)?;
             run.compose(context, &prepared)?;
-            preparation.give_back(prepared.picture);
+            if let Some(done) = run.keep(context, prepared) {
+                preparation.give_back(done.picture);
+            }
         }
         PreparationEvent::Skipped => run.frames.skipped += 1,
         PreparationEvent::Damaged => run.frames.damaged += 1,
         PreparationEvent::DamagedPart(error) => run.damage.add(&error, &context.status),
         PreparationEvent::Idle(counts) => run.idle(context, &counts)?,
         PreparationEvent::End(counts) => run.finish_loop(context, &counts),
+        PreparationEvent::Pause => context.status.pause(),
     }
     Ok(())
 }

@@ -3,12 +3,14 @@
 use crate::context::RunContext;
 use crate::error::RigError;
 use crate::light::updates::SceneUpdates;
+use crate::objects::{self, ObjectEditor};
 use crate::planes::PlaneBakes;
 use crate::reload::{Loaded, Origin, Reload, ReloadOutcome};
 use crate::setup::RigSetup;
 use glam::DQuat;
 use penumbra_compositor::{Compositor, fitted, max_side};
-use penumbra_config::Config;
+use penumbra_config::{Config, Distortion};
+use penumbra_interface::RigidTransform;
 use penumbra_lighting::Lighting;
 use penumbra_scene::Scene;
 use penumbra_scene::SceneChoice;
@@ -21,6 +23,7 @@ pub(super) struct Scenes {
     /// The next scene, whose bake is not ready yet.
     next: Option<Box<Loaded>>,
     reload: Option<Reload>,
+    editor: Arc<ObjectEditor>,
     scene_updates: SceneUpdates,
     dome_rotation: DQuat,
     status: SceneStatus,
@@ -40,29 +43,35 @@ impl Scenes {
         compositor.set_scene(scene, &penumbra_scene::casters(scene));
         let shown = Arc::new(scene.clone());
         let mut status = SceneStatus::default();
-        let reload = match &context.config.scene {
-            SceneChoice::File(path) => {
-                status.file = Some(path.display().to_string());
-                let without = Config {
-                    scene: SceneChoice::None,
-                    ..context.config.clone()
-                };
-                Some(Reload::start(Origin {
-                    path: path.clone(),
-                    phantoms: RigSetup::read(&context.source, &without)?.scene,
-                    shown: shown.clone(),
-                    rig: context.setup.calibration.clone(),
-                    config: context.config.clone(),
-                    uploader: Arc::new(Mutex::new(compositor.uploader())),
-                })?)
-            }
+        let editor = object_editor(context, shown.clone());
+        let path = match &context.config.scene {
+            SceneChoice::File(path) => Some(path.clone()),
             SceneChoice::Session | SceneChoice::None => None,
+        };
+        status.file = path.as_ref().map(|path| path.display().to_string());
+        let reload = if path.is_some() || !shown.virtual_parts.is_empty() {
+            let without = Config {
+                scene: SceneChoice::None,
+                ..context.config.clone()
+            };
+            Some(Reload::start(Origin {
+                path,
+                editor: editor.clone(),
+                phantoms: RigSetup::read(&context.source, &without)?.scene,
+                shown: shown.clone(),
+                rig: context.setup.calibration.clone(),
+                config: context.config.clone(),
+                uploader: Arc::new(Mutex::new(compositor.uploader())),
+            })?)
+        } else {
+            None
         };
         publish_warnings(context, &shown, compositor);
         Ok(Self {
             shown,
             next: None,
             reload,
+            editor,
             scene_updates,
             dome_rotation: DQuat::IDENTITY,
             status,
@@ -83,6 +92,11 @@ impl Scenes {
     /// Returns the rendered scene.
     pub const fn shown(&self) -> &Arc<Scene> {
         &self.shown
+    }
+
+    /// Sets the camera's pose in the newest picture, for picking objects.
+    pub fn set_view(&self, pose: Option<RigidTransform>, seconds: f64) {
+        self.editor.set_view(&self.shown, pose, seconds);
     }
 
     /// Returns the status of the scene file's changes.
@@ -117,13 +131,16 @@ impl Scenes {
             compositor.show_scene(next.uploaded);
             self.scene_updates.set_scene(next.light);
             let old = std::mem::replace(&mut self.shown, next.scene);
-            context.status.update(|s| {
-                let large = large_textures(&old, compositor);
-                let warnings = old.warnings.iter().chain(&large);
-                warnings.for_each(|text| s.clear_warning(text));
-            });
-            publish_warnings(context, &self.shown, compositor);
-            self.status.loads += 1;
+            objects::shown(&context.status, next.edits);
+            if !next.is_edit {
+                self.status.loads += 1;
+                context.status.update(|s| {
+                    let large = large_textures(&old, compositor);
+                    let warnings = old.warnings.iter().chain(&large);
+                    warnings.for_each(|text| s.clear_warning(text));
+                });
+                publish_warnings(context, &self.shown, compositor);
+            }
         }
         if self.dome_rotation != planes.dome_rotation() {
             self.dome_rotation = planes.dome_rotation();
@@ -154,6 +171,17 @@ impl Scenes {
             context.status.update(|s| s.clear_warning(&reason));
         }
     }
+}
+
+/// Creates the editor of the objects' places and hands requests to it.
+fn object_editor(context: &RunContext, scene: Arc<Scene>) -> Arc<ObjectEditor> {
+    let mut camera = context.setup.calibration.scene_camera.camera.clone();
+    if context.config.registration.distortion == Distortion::Undistorted {
+        camera.distortion = [0.0; 5];
+    }
+    let editor = ObjectEditor::new(&context.status, &camera, scene);
+    context.status.set_object_control(editor.clone());
+    editor
 }
 
 /// Returns warnings about textures that the adapter cannot hold; the compositor scales them.

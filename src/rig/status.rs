@@ -39,6 +39,10 @@ pub struct Published<'a> {
     pub stages: &'a StageTimes,
     /// Counts so far.
     pub frames: &'a FrameCounts,
+    /// Number of pictures composed again during pauses.
+    pub repeated: u64,
+    /// Whether the picture stands still.
+    pub holds: bool,
     /// What the damaged parts of the recording held.
     pub lost: LostCounts,
     /// Rates of composed frames and of the devices.
@@ -123,7 +127,8 @@ pub fn publish(p: &Published<'_>) {
     }
     p.status.update(|s| {
         s.frames.arrived = p.frames.composed + p.frames.skipped + p.frames.damaged;
-        s.frames.composed = p.frames.composed;
+        s.frames.composed = p.frames.composed + p.repeated;
+        s.playback.jumps = p.prepared.jumps;
         s.frames.skipped = p.frames.skipped + p.frames.damaged;
         s.frames.lost = p.lost.scene_frames;
         s.frames.without_pose = p.frames.without_pose;
@@ -150,8 +155,13 @@ pub fn publish(p: &Published<'_>) {
         lighting(s, p);
         match p.source {
             Source::Recorded(_) => {
-                if s.session.state != SessionState::Replaying {
-                    s.session.enter(SessionState::Replaying);
+                let state = if p.holds {
+                    SessionState::Paused
+                } else {
+                    SessionState::Replaying
+                };
+                if s.session.state != state {
+                    s.session.enter(state);
                 }
                 devices(s, p);
             }

@@ -27,6 +27,7 @@ mod rendering;
 pub mod scene_file;
 
 pub mod change;
+pub mod edit;
 pub mod lamps;
 pub mod motion;
 mod scene;

@@ -1,5 +1,6 @@
 //! A scene: virtual objects, phantoms and virtual lights, and their state at an instant.
 
+use crate::edit::SceneObject;
 use crate::lamps::{PlacedArea, PlacedLamp};
 use crate::mesh::Part;
 use crate::motion::Motions;
@@ -12,6 +13,8 @@ use glam::{DMat3, DMat4, DVec3, Vec3};
 pub struct Scene {
     /// Parts of virtual objects.
     pub virtual_parts: Vec<Part>,
+    /// Which parts and lamps belong together; empty if they are one object.
+    pub objects: Vec<SceneObject>,
     /// Proxies of real objects: they write depth and receive shadows, and have no colour of their
     /// own.
     pub phantom_parts: Vec<Part>,

@@ -104,6 +104,7 @@ use super::gltf_file::{ModelPart, Playing, files_of_gltf, load_gltf_playing, rea
 use super::motion::Motions;
 use super::planes::{ShadowingPlane, covered_parts};
 use super::primitives;
+use crate::edit::SceneObject;
 use crate::error::SceneError;
 use crate::gltf_file::Model;
 use crate::ground_plane::GroundPlane;
@@ -138,6 +139,8 @@ const MAX_ENTRIES: usize = 1000;
 pub struct SceneAddition {
     /// Virtual objects.
     pub objects: Vec<Part>,
+    /// Which of them, and of `lamps`, belong together.
+    pub groups: Vec<SceneObject>,
     /// Further proxies of real objects.
     pub phantoms: Vec<Part>,
     /// Virtual lights.
@@ -206,6 +209,7 @@ impl SceneAddition {
             .map_err(located)?;
         let Placed {
             objects,
+            groups,
             lamps,
             lamp_places,
             motions,
@@ -214,6 +218,7 @@ impl SceneAddition {
         } = placed;
         Ok(Self {
             objects,
+            groups,
             phantoms,
             lamps,
             lamp_places,
@@ -234,6 +239,7 @@ impl SceneAddition {
             Scene::default()
         };
         scene.virtual_parts = self.objects;
+        scene.objects = self.groups;
         scene.lamps = self.lamps;
         scene.planes = self.planes;
         scene.motions = self.motions;

@@ -1,6 +1,6 @@
 //! State that the HTTP routes share, the encoding of pictures for them, and common replies.
 
-use super::shared::SharedStatus;
+use super::shared::{SharedStatus, View};
 use crate::stream::{EncodeError, JpegEncoder, encode_png, stream_part};
 use axum::Json;
 use axum::body::Bytes;
@@ -26,11 +26,28 @@ pub(super) const HTML: &str = "text/html; charset=utf-8";
 #[derive(Clone)]
 pub struct App {
     pub(super) shared: Arc<SharedStatus>,
-    pub(super) parts: watch::Sender<Option<Bytes>>,
-    encoder: Arc<std::sync::Mutex<JpegEncoder>>,
+    composite: Encoded,
+    pair: Encoded,
     pub(super) streams: Arc<Semaphore>,
     pub(super) snapshot_png: Arc<PngCache>,
     pub(super) environment_png: Arc<PngCache>,
+}
+
+/// The encoded pictures of a view.
+#[derive(Clone)]
+struct Encoded {
+    parts: watch::Sender<Option<Bytes>>,
+    encoder: Arc<std::sync::Mutex<JpegEncoder>>,
+}
+
+impl Encoded {
+    fn new() -> Result<Self, EncodeError> {
+        let encoder = JpegEncoder::new(STREAM_QUALITY)?;
+        Ok(Self {
+            parts: watch::Sender::new(None),
+            encoder: Arc::new(std::sync::Mutex::new(encoder)),
+        })
+    }
 }
 
 impl App {
@@ -39,24 +56,35 @@ impl App {
     /// # Errors
     /// The JPEG encoder cannot allocate.
     pub fn new(shared: Arc<SharedStatus>) -> Result<Self, EncodeError> {
-        let encoder = JpegEncoder::new(STREAM_QUALITY)?;
         Ok(Self {
             shared,
-            parts: watch::Sender::new(None),
-            encoder: Arc::new(std::sync::Mutex::new(encoder)),
+            composite: Encoded::new()?,
+            pair: Encoded::new()?,
             streams: Arc::new(Semaphore::new(MAX_STREAMS)),
             snapshot_png: Arc::default(),
             environment_png: Arc::default(),
         })
     }
 
-    /// Encodes each new picture once for all viewers, and nothing without viewers.
-    pub async fn stream_pictures(&self) {
-        let mut watchers = self.shared.viewers();
-        let mut pictures = self.shared.pictures();
+    const fn encoded(&self, view: View) -> &Encoded {
+        match view {
+            View::Composite => &self.composite,
+            View::Pair => &self.pair,
+        }
+    }
+
+    /// Subscribes to the encoded pictures of a view.
+    pub(super) fn parts(&self, view: View) -> watch::Receiver<Option<Bytes>> {
+        self.encoded(view).parts.subscribe()
+    }
+
+    /// Encodes each new picture of a view once for all viewers, and nothing without viewers.
+    pub async fn stream_pictures(&self, view: View) {
+        let mut watchers = self.shared.viewers(view);
+        let mut pictures = self.shared.pictures(view);
         loop {
             if *watchers.borrow_and_update() == 0 {
-                self.parts.send_replace(None);
+                self.encoded(view).parts.send_replace(None);
                 if watchers.changed().await.is_err() {
                     return;
                 }
@@ -71,14 +99,14 @@ impl App {
             let next = Instant::now() + STREAM_INTERVAL;
             let picture = pictures.borrow_and_update().clone();
             if let Some(picture) = picture {
-                self.encode(picture).await;
+                self.encode(view, picture).await;
             }
             sleep_until(next).await;
         }
     }
 
-    async fn encode(&self, picture: Arc<Picture>) {
-        let encoder = Arc::clone(&self.encoder);
+    async fn encode(&self, view: View, picture: Arc<Picture>) {
+        let encoder = Arc::clone(&self.encoded(view).encoder);
         let began = Instant::now();
         let encoded = tokio::task::spawn_blocking(move || {
             let mut encoder = encoder
@@ -88,7 +116,7 @@ impl App {
         });
         let error = match encoded.await {
             Ok(Ok(part)) => {
-                self.parts.send_replace(Some(part));
+                self.encoded(view).parts.send_replace(Some(part));
                 self.shared.update(|s| {
                     s.stream.encoded += 1;
                     s.stages.record("encode", began.elapsed());

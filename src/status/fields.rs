@@ -332,6 +332,27 @@ pub const STATUS_FIELDS: &[(&str, &str)] = &[
         "Why the newest change was not applied; null if it was.",
     ),
     (
+        "objects.requested",
+        "Number of changes of virtual objects that were requested.",
+    ),
+    (
+        "objects.shown",
+        "Number of the change that the newest picture shows; nothing is under way when both are equal.",
+    ),
+    (
+        "objects.list[].name",
+        "A virtual object, in the order of the scene.",
+    ),
+    (
+        "objects.list[].offset_m[]",
+        "Its requested displacement from its place in the scene's files, world (+Z up), m.",
+    ),
+    (
+        "objects.list[].turn_deg",
+        "Its requested turn about the vertical, degrees.",
+    ),
+    ("objects.list[].scale", "Its requested scale."),
+    (
         "planes.state",
         "Shadowing planes: `off` (another technique is active), `baking`, `ready` or `failed`.",
     ),
@@ -422,6 +443,27 @@ pub const STATUS_FIELDS: &[(&str, &str)] = &[
     (
         "exposure.removed",
         "Mean linear brightness removed by virtual shadows; null likewise.",
+    ),
+    (
+        "playback.closed",
+        "Why the playback cannot be controlled; null if it can.",
+    ),
+    ("playback.paused", "Whether the picture stands still."),
+    (
+        "playback.repeat",
+        "Whether the recording starts again at its end.",
+    ),
+    (
+        "playback.jumps_requested",
+        "Number of jumps to another position that were requested.",
+    ),
+    (
+        "playback.jumps",
+        "Number of the jump after which the newest picture was composed; a jump is done when both are equal.",
+    ),
+    (
+        "playback.duration_s",
+        "Length of the recording, s; null when live.",
     ),
     (
         "recording.state",
@@ -617,16 +659,32 @@ pub const STATUS_FIELDS: &[(&str, &str)] = &[
         "settings.exposure_adaptation_s",
         "With `auto`: time constant (63 % of a step), s, 0 to 60.",
     ),
-    ("stream.viewers", "Number of viewers of `/stream.mjpeg`."),
+    (
+        "settings_requested",
+        "As `settings`: the values requested last. A value that differs from `settings` takes effect with the next picture.",
+    ),
+    (
+        "settings_configured",
+        "As `settings`: the values at the start, by configuration and command line.",
+    ),
+    (
+        "stream.viewers",
+        "Number of viewers of `/stream.mjpeg` and `/compare.mjpeg`.",
+    ),
     ("stream.encoded", "Pictures encoded for them."),
     ("warnings[].text", "A warning: what, where, what to do."),
     ("warnings[].count", "Number of occurrences."),
+    (
+        "log.newest",
+        "Number of the newest entry of `/log`; 0 without entries.",
+    ),
 ];
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::Snapshot;
+    use crate::objects::ObjectPlace;
     use crate::snapshot::{
         Control, Device, LampStatus, WhiteBalanceEstimate, WhiteBalanceMethod, WhiteMatch,
     };
@@ -646,6 +704,7 @@ mod tests {
             ..Device::new("a", DeviceKind::Tracker)
         }];
         s.warn("a");
+        s.objects.list = vec![ObjectPlace::default()];
         s.lighting.probe = Some(crate::ProbeStatus::default());
         s.registration.display = Some(crate::DisplayStatus::default());
         s.lighting.dominant_direction = Some([0.0, 0.0, 1.0]);
@@ -669,8 +728,14 @@ mod tests {
         s
     }
 
+    /// Objects whose fields are described with `settings`.
+    const AS_SETTINGS: [&str; 2] = ["settings_requested", "settings_configured"];
+
     fn paths(value: &Value, path: &str, found: &mut BTreeSet<String>) {
         match value {
+            _ if AS_SETTINGS.contains(&path) => {
+                found.insert(path.to_owned());
+            }
             Value::Object(fields) => fields.iter().for_each(|(name, v)| {
                 let dot = if path.is_empty() { "" } else { "." };
                 paths(v, &format!("{path}{dot}{name}"), found);

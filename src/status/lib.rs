@@ -2,8 +2,8 @@
 //!
 //! The rig writes a [`SharedStatus`]; [`StatusServer`] reads it. [`snapshot`] is the data,
 //! [`times`] the histograms in it, [`settings`] the live settings. The server consists of
-//! [`server`] (socket and limits), `guard` (access), `places` (limits under load), `app` (shared state), `routes` and `calibration_routes`, [`metrics`] and
-//! [`health`] (made from the snapshot), [`preview`] (the environment light), and the dashboard.
+//! [`server`] (socket and limits), `guard` (access), `places` (limits under load), `app` (shared state), `routes` and `calibration_routes`, [`metrics`],
+//! [`health`] and [`log`] (made from the snapshot), [`preview`] (the environment light), and the dashboard.
 
 mod app;
 pub mod calibration;
@@ -11,9 +11,12 @@ mod calibration_routes;
 pub mod fields;
 mod guard;
 pub mod health;
+pub mod log;
 pub mod metrics;
+pub mod objects;
 mod places;
 pub mod planes;
+pub mod playback;
 pub mod preview;
 mod probe;
 pub mod recording;
@@ -29,11 +32,12 @@ pub mod times;
 
 pub use fields::STATUS_FIELDS;
 pub use penumbra_config::token::is_token;
+pub use playback::Playback;
 pub use preview::environment_preview;
 pub use probe::ProbeStatus;
 pub use registration::{DisplayStatus, RegistrationSource, RegistrationStatus};
 pub use server::{DEFAULT_LISTEN, StatusError, StatusServer};
 pub use settings::{Settings, SettingsChange};
-pub use shared::SharedStatus;
+pub use shared::{SharedStatus, View};
 pub use snapshot::{SceneStatus, Snapshot};
 pub use times::{Histogram, RateMeter, StageTimes};

@@ -5,18 +5,22 @@ use super::calibration_routes;
 use super::guard::{self, Gate, Token};
 use super::health::health;
 use super::metrics::{METRICS_CONTENT_TYPE, metrics};
+use super::objects::{ObjectRefusal, ObjectRequest};
+use super::playback::{PlaybackChange, PlaybackRefusal};
 use super::recording::RecordingRequest;
 use super::settings::{Settings, SettingsChange, SettingsError};
+use super::shared::View;
 use super::snapshot::{Snapshot, WhiteBalance};
 use crate::stream::{STREAM_CONTENT_TYPE, stream_preamble};
 use axum::body::{Body, Bytes};
 use axum::extract::{DefaultBodyLimit, Path, State};
-use axum::http::{HeaderMap, StatusCode, header};
+use axum::http::{HeaderMap, StatusCode, Uri, header};
 use axum::middleware::from_fn_with_state;
 use axum::response::{IntoResponse, Response};
 use axum::routing::{get, post};
 use axum::{Json, Router};
 use penumbra_picture::Picture;
+use serde_json::json;
 use std::convert::Infallible;
 use std::sync::Arc;
 use std::time::Duration;
@@ -44,10 +48,14 @@ pub fn router(app: App, token: Option<Arc<Token>>) -> Router {
         .route("/whitebalance.json", get(white_balance))
         .route("/metrics", get(metrics_page))
         .route("/healthz", get(healthz))
+        .route("/log", get(log))
         .route("/settings", post(settings))
         .route("/recording", post(recording))
+        .route("/playback", post(playback))
+        .route("/objects", post(objects))
         .merge(calibration_routes::routes())
-        .route("/stream.mjpeg", get(stream))
+        .route("/stream.mjpeg", get(|app| stream(app, View::Composite)))
+        .route("/compare.mjpeg", get(|app| stream(app, View::Pair)))
         .route("/snapshot.png", get(snapshot_png))
         .route("/environment.png", get(environment_png))
         .fallback(not_found)
@@ -56,8 +64,8 @@ pub fn router(app: App, token: Option<Arc<Token>>) -> Router {
         .with_state(app)
 }
 
-const NOT_FOUND: &str = "not here; there are / /status /metrics /healthz /settings \
-    /recording /calibration /stream.mjpeg /snapshot.png /environment.png /whitebalance.json\n";
+const NOT_FOUND: &str = "not here; there are / /status /metrics /healthz /log /settings \
+    /playback /objects /recording /calibration /stream.mjpeg /compare.mjpeg /snapshot.png /environment.png /whitebalance.json\n";
 
 async fn not_found() -> Response {
     (StatusCode::NOT_FOUND, NOT_FOUND).into_response()
@@ -70,22 +78,50 @@ async fn asset(content_type: &'static str, text: &'static str) -> Response {
     ([(header::CONTENT_TYPE, content_type)], text).into_response()
 }
 
+/// A file of the dashboard: name, content.
+macro_rules! file {
+    ($name:literal) => {
+        ($name, include_str!(concat!("dashboard/", $name)))
+    };
+}
+
 /// Files of the dashboard, which are part of the program.
+const FILES: [(&str, &str); 23] = [
+    file!("calibrate.css"),
+    file!("calibrate.js"),
+    file!("charts.js"),
+    file!("controls.css"),
+    file!("controls.js"),
+    file!("dashboard.css"),
+    file!("dashboard.js"),
+    file!("exposure.js"),
+    file!("favicon.svg"),
+    file!("health.js"),
+    file!("lamps.js"),
+    file!("log.js"),
+    file!("objects.js"),
+    file!("picture.js"),
+    file!("planes.js"),
+    file!("playback.js"),
+    file!("presets.js"),
+    file!("recording.js"),
+    file!("requests.js"),
+    file!("rows.js"),
+    file!("settings.js"),
+    file!("text.js"),
+    file!("theme.js"),
+];
+
 async fn dashboard_file(Path(file): Path<String>) -> Response {
-    match file.as_str() {
-        "dashboard.css" => asset(CSS, include_str!("dashboard/dashboard.css")).await,
-        "dashboard.js" => asset(SCRIPT, include_str!("dashboard/dashboard.js")).await,
-        "calibrate.js" => asset(SCRIPT, include_str!("dashboard/calibrate.js")).await,
-        "calibrate.css" => asset(CSS, include_str!("dashboard/calibrate.css")).await,
-        "charts.js" => asset(SCRIPT, include_str!("dashboard/charts.js")).await,
-        "exposure.js" => asset(SCRIPT, include_str!("dashboard/exposure.js")).await,
-        "planes.js" => asset(SCRIPT, include_str!("dashboard/planes.js")).await,
-        "recording.js" => asset(SCRIPT, include_str!("dashboard/recording.js")).await,
-        "settings.js" => asset(SCRIPT, include_str!("dashboard/settings.js")).await,
-        "text.js" => asset(SCRIPT, include_str!("dashboard/text.js")).await,
-        "favicon.svg" => asset("image/svg+xml", include_str!("dashboard/favicon.svg")).await,
-        _ => not_found().await,
-    }
+    let Some((name, text)) = FILES.iter().find(|(name, _)| *name == file) else {
+        return not_found().await;
+    };
+    let content_type = match name.rsplit_once('.') {
+        Some((_, "css")) => CSS,
+        Some((_, "svg")) => "image/svg+xml",
+        _ => SCRIPT,
+    };
+    asset(content_type, text).await
 }
 
 async fn status(State(app): State<App>) -> Json<Snapshot> {
@@ -106,6 +142,20 @@ async fn healthz(State(app): State<App>) -> (StatusCode, String) {
         Ok(description) => (StatusCode::OK, description + "\n"),
         Err(reason) => (StatusCode::SERVICE_UNAVAILABLE, reason + "\n"),
     }
+}
+
+/// The entries of the log, oldest first; `?after=N` leaves out those up to number N.
+async fn log(State(app): State<App>, uri: Uri) -> Response {
+    let query = uri.query().unwrap_or_default();
+    let after = match query.strip_prefix("after=").map(str::parse) {
+        Some(Ok(after)) => after,
+        None if query.is_empty() => 0,
+        _ => {
+            let text = "log: ask for /log, or for /log?after=N with the number of an entry";
+            return problem(StatusCode::BAD_REQUEST, text);
+        }
+    };
+    Json(json!({ "entries": app.shared.log_since(after) })).into_response()
 }
 
 /// Requests settings; `/status` shows when they are active. The content type must be JSON, because a
@@ -142,21 +192,59 @@ async fn recording(State(app): State<App>, headers: HeaderMap, body: Bytes) -> R
     }
 }
 
+/// Pauses, repeats or jumps; `/status` shows when it has been done.
+async fn playback(State(app): State<App>, headers: HeaderMap, body: Bytes) -> Response {
+    if !is_json(&headers) {
+        let text = "playback: send the request as Content-Type: application/json";
+        return problem(StatusCode::UNSUPPORTED_MEDIA_TYPE, text);
+    }
+    match PlaybackChange::from_json(&body).and_then(|change| app.shared.play(&change)) {
+        Ok(playback) => (StatusCode::ACCEPTED, Json(playback)).into_response(),
+        Err(error @ PlaybackRefusal::Closed { .. }) => {
+            problem(StatusCode::CONFLICT, &error.to_string())
+        }
+        Err(error) => problem(StatusCode::UNPROCESSABLE_ENTITY, &error.to_string()),
+    }
+}
+
+/// Answers what is at a place in the picture, or moves, turns or scales an object.
+async fn objects(State(app): State<App>, headers: HeaderMap, body: Bytes) -> Response {
+    if !is_json(&headers) {
+        let text = "objects: send the request as Content-Type: application/json";
+        return problem(StatusCode::UNSUPPORTED_MEDIA_TYPE, text);
+    }
+    let request = match ObjectRequest::from_json(&body) {
+        Ok(request) => request,
+        Err(error) => return problem(StatusCode::UNPROCESSABLE_ENTITY, &error.to_string()),
+    };
+    // Casting rays at large models may take a moment.
+    let shared = Arc::clone(&app.shared);
+    match tokio::task::spawn_blocking(move || shared.change_object(&request)).await {
+        Ok(Ok(answer)) => (StatusCode::ACCEPTED, Json(answer)).into_response(),
+        Ok(Err(error @ ObjectRefusal::Unavailable { .. })) => {
+            problem(StatusCode::CONFLICT, &error.to_string())
+        }
+        Ok(Err(error)) => problem(StatusCode::UNPROCESSABLE_ENTITY, &error.to_string()),
+        Err(error) => problem(StatusCode::INTERNAL_SERVER_ERROR, &error.to_string()),
+    }
+}
+
 /// Streams the newest pictures. A slow client skips pictures and delays no other.
-async fn stream(State(app): State<App>) -> Response {
+async fn stream(State(app): State<App>, view: View) -> Response {
     let Ok(seat) = Arc::clone(&app.streams).try_acquire_owned() else {
         let text = format!("{MAX_STREAMS} viewers are connected already; close one of them\n");
         return (StatusCode::SERVICE_UNAVAILABLE, text).into_response();
     };
-    let body = Body::from_stream(parts(&app, (seat, app.shared.count_viewer())));
+    let body = Body::from_stream(parts(&app, view, (seat, app.shared.count_viewer(view))));
     ([(header::CONTENT_TYPE, STREAM_CONTENT_TYPE)], body).into_response()
 }
 
 fn parts<G: Send + 'static>(
     app: &App,
+    view: View,
     guards: G,
 ) -> impl Stream<Item = Result<Bytes, Infallible>> + use<G> {
-    let pictures = WatchStream::new(app.parts.subscribe()).filter_map(move |part| {
+    let pictures = WatchStream::new(app.parts(view)).filter_map(move |part| {
         // The seat is released when the browser disconnects and this closure is dropped.
         let _ = &guards;
         part
@@ -167,7 +255,7 @@ fn parts<G: Send + 'static>(
 /// The newest composited picture, lossless.
 async fn snapshot_png(State(app): State<App>) -> Response {
     let _asking = app.shared.ask();
-    let mut pictures = app.shared.pictures();
+    let mut pictures = app.shared.pictures(View::Composite);
     let _ = timeout(SNAPSHOT_WAIT, pictures.changed()).await;
     let picture = pictures.borrow().clone();
     png_response(

@@ -4,7 +4,7 @@ use super::app::App;
 use super::guard::Token;
 use super::places::Activity;
 use super::routes;
-use super::shared::SharedStatus;
+use super::shared::{SharedStatus, View};
 use super::stall::StallGuard;
 use axum::Router;
 use axum::http::Request;
@@ -125,7 +125,8 @@ impl StatusServer {
         tokio::select! {
             () = shutdown => {}
             () = accept(listener, self.router) => {}
-            () = self.app.stream_pictures() => {}
+            () = self.app.stream_pictures(View::Composite) => {}
+            () = self.app.stream_pictures(View::Pair) => {}
         }
         Ok(())
     }

@@ -235,6 +235,16 @@ impl SettingsChange {
 }
 
 impl Settings {
+    /// Describes what differs from `before`.
+    pub(crate) fn changes_from(&self, before: &Self) -> String {
+        let json = |settings: &Self| serde_json::to_value(settings).unwrap_or_default();
+        let (old, new) = (json(before), json(self));
+        let values = new.as_object().into_iter().flatten();
+        let changed = values.filter(|(name, value)| old[name.as_str()] != **value);
+        let changed = changed.map(|(name, value)| format!("{name} = {value}"));
+        format!("settings: {}", changed.collect::<Vec<_>>().join(", "))
+    }
+
     /// Returns `self` if every value is valid.
     ///
     /// # Errors

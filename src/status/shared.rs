@@ -1,6 +1,9 @@
 //! The state shared by the rig, which writes it, and the server, which reads it.
 
 use super::calibration::CalibrationControl;
+use super::log::{Level, Log, LogEntry};
+use super::objects::{ObjectAnswer, ObjectControl, ObjectRefusal, ObjectRequest};
+use super::playback::{Playback, PlaybackChange, PlaybackRefusal, PlaybackStatus};
 use super::recording::{Recording, RecordingControl, RecordingRefusal, RecordingRequest};
 use super::settings::{Settings, SettingsChange, SettingsError};
 use super::snapshot::Snapshot;
@@ -17,18 +20,22 @@ pub struct SharedStatus {
     started: MonotonicTime,
     state: Mutex<State>,
     settings: watch::Sender<Settings>,
-    picture: watch::Sender<Option<Arc<Picture>>>,
+    playback: watch::Sender<Playback>,
+    configured: Settings,
+    composite: Outlet,
+    pair: Outlet,
     environment: watch::Sender<Option<Arc<Picture>>>,
-    watchers: watch::Sender<u32>,
     askers: AtomicU32,
     recorder: OnceLock<Arc<dyn RecordingControl>>,
     calibrator: OnceLock<Arc<dyn CalibrationControl>>,
+    objects: OnceLock<Arc<dyn ObjectControl>>,
 }
 
 #[derive(Default)]
 struct State {
     snapshot: Snapshot,
     last_composed_at: Option<MonotonicTime>,
+    log: Log,
 }
 
 impl SharedStatus {
@@ -47,19 +54,22 @@ impl SharedStatus {
         };
         let state = State {
             snapshot,
-            last_composed_at: None,
+            ..State::default()
         };
         Arc::new(Self {
             started: clock.now(),
             clock,
             state: Mutex::new(state),
+            configured: settings.clone(),
+            playback: watch::Sender::new(Playback::default()),
             settings: watch::Sender::new(settings),
-            picture: watch::Sender::new(None),
+            composite: Outlet::default(),
+            pair: Outlet::default(),
             environment: watch::Sender::new(None),
-            watchers: watch::Sender::new(0),
             askers: AtomicU32::new(0),
             recorder: OnceLock::new(),
             calibrator: OnceLock::new(),
+            objects: OnceLock::new(),
         })
     }
 
@@ -73,6 +83,8 @@ impl SharedStatus {
         if state.snapshot.frames.composed != composed_before {
             state.last_composed_at = Some(now);
         }
+        let State { snapshot, log, .. } = &mut *state;
+        log.compare(snapshot);
     }
 
     /// Replaces the snapshot, except for the fields that the server fills in.
@@ -92,18 +104,39 @@ impl SharedStatus {
         let now = self.clock.now();
         let (mut snapshot, last) = {
             let state = self.lock();
-            (state.snapshot.clone(), state.last_composed_at)
+            let mut snapshot = state.snapshot.clone();
+            snapshot.log.newest = state.log.newest();
+            (snapshot, state.last_composed_at)
         };
         snapshot.program.uptime_seconds = now.seconds_since(self.started);
         snapshot.frames.last_age_ms = last.map(|at| now.seconds_since(at) * 1e3);
-        snapshot.stream.viewers = *self.watchers.borrow();
+        let viewers = [&self.composite, &self.pair].map(|outlet| *outlet.watchers.borrow());
+        snapshot.stream.viewers = viewers.iter().sum();
+        let playback = *self.playback.borrow();
+        snapshot.playback.paused = playback.paused;
+        snapshot.playback.repeat = playback.repeat;
+        snapshot.playback.jumps_requested = playback.jumps;
+        snapshot.settings_requested = self.settings.borrow().clone();
+        snapshot.settings_configured = self.configured.clone();
         snapshot
+    }
+
+    /// Returns the entries of the log after number `after`, oldest first.
+    #[must_use]
+    pub fn log_since(&self, after: u64) -> Vec<LogEntry> {
+        self.lock().log.since(after)
     }
 
     /// Publishes the newest composited picture. Needed only while [`Self::wants_picture`], and once
     /// at the end of a recording, so that the last picture remains.
     pub fn publish_picture(&self, picture: Arc<Picture>) {
-        self.picture.send_replace(Some(picture));
+        self.composite.pictures.send_replace(Some(picture));
+    }
+
+    /// Publishes the newest composited picture with the camera's picture of the same frame below it.
+    /// Needed only while [`Self::wants_pair`].
+    pub fn publish_pair(&self, pair: Arc<Picture>) {
+        self.pair.pictures.send_replace(Some(pair));
     }
 
     /// Publishes the environment map as an equirectangular preview with the dome lights marked.
@@ -115,7 +148,20 @@ impl SharedStatus {
     /// Whether a viewer needs the picture to be read back.
     #[must_use]
     pub fn wants_picture(&self) -> bool {
-        *self.watchers.borrow() > 0 || self.askers.load(Ordering::Relaxed) > 0
+        *self.composite.watchers.borrow() > 0 || self.askers.load(Ordering::Relaxed) > 0
+    }
+
+    /// Whether a viewer compares the picture with the camera's.
+    #[must_use]
+    pub fn wants_pair(&self) -> bool {
+        *self.pair.watchers.borrow() > 0
+    }
+
+    const fn outlet(&self, view: View) -> &Outlet {
+        match view {
+            View::Composite => &self.composite,
+            View::Pair => &self.pair,
+        }
     }
 
     /// Returns the requested settings; the newest request wins.
@@ -130,12 +176,56 @@ impl SharedStatus {
     /// A value is invalid; then nothing changes.
     pub fn request_settings(&self, change: &SettingsChange) -> Result<Settings, SettingsError> {
         let mut answer = Ok(());
+        let mut before = None;
         self.settings.send_if_modified(|requested| {
             let changed = change.apply_to(requested);
             answer = changed.as_ref().map(|_| ()).map_err(Clone::clone);
-            changed.is_ok_and(|new| std::mem::replace(requested, new.clone()) != new)
+            let Some(new) = changed.ok().filter(|new| new != requested) else {
+                return false;
+            };
+            before = Some(std::mem::replace(requested, new));
+            true
         });
-        answer.map(|()| self.settings.borrow().clone())
+        let after = answer.map(|()| self.settings.borrow().clone())?;
+        if let Some(before) = before {
+            let text = after.changes_from(&before);
+            self.lock().log.add(Level::Info, &text);
+        }
+        Ok(after)
+    }
+
+    /// Opens the playback to requests, or states why it is closed to them.
+    pub fn open_playback(&self, repeat: bool, duration_s: Option<f64>, closed: Option<&str>) {
+        self.playback
+            .send_modify(|playback| playback.repeat = repeat);
+        self.update(|s| {
+            s.playback.closed = closed.map(str::to_owned);
+            s.playback.duration_s = duration_s;
+        });
+    }
+
+    /// Pauses, repeats or jumps, and returns the status of the playback.
+    ///
+    /// # Errors
+    /// The playback cannot be controlled.
+    pub fn play(&self, change: &PlaybackChange) -> Result<PlaybackStatus, PlaybackRefusal> {
+        if let Some(reason) = self.lock().snapshot.playback.closed.clone() {
+            return Err(PlaybackRefusal::Closed { reason });
+        }
+        self.playback
+            .send_modify(|playback| change.apply_to(playback));
+        Ok(self.snapshot().playback)
+    }
+
+    /// Pauses at the end of a recording that is no longer repeated.
+    pub fn pause(&self) {
+        self.playback.send_modify(|playback| playback.paused = true);
+    }
+
+    /// Returns the requested playback; the newest request wins.
+    #[must_use]
+    pub fn playback_receiver(&self) -> watch::Receiver<Playback> {
+        self.playback.subscribe()
     }
 
     /// Sets the recorder that handles requests to record. Only the first call has an effect.
@@ -152,6 +242,25 @@ impl SharedStatus {
         recorder.carry_out(request)
     }
 
+    /// Sets what handles requests to move objects. Only the first call has an effect.
+    pub fn set_object_control(&self, objects: Arc<dyn ObjectControl>) {
+        let _ = self.objects.set(objects);
+    }
+
+    /// Answers what is at a place in the picture, or changes an object.
+    ///
+    /// # Errors
+    /// The request cannot be met.
+    pub fn change_object(&self, request: &ObjectRequest) -> Result<ObjectAnswer, ObjectRefusal> {
+        let objects = self
+            .objects
+            .get()
+            .ok_or_else(|| ObjectRefusal::Unavailable {
+                reason: "the rig shows no virtual objects yet".to_owned(),
+            })?;
+        objects.carry_out(request)
+    }
+
     /// Sets the calibrator that handles requests to calibrate. Only the first call has an effect.
     pub fn set_calibrator(&self, calibrator: Arc<dyn CalibrationControl>) {
         let _ = self.calibrator.set(calibrator);
@@ -163,10 +272,10 @@ impl SharedStatus {
         self.calibrator.get().cloned()
     }
 
-    /// Subscribes to the composited pictures; the newest wins.
+    /// Subscribes to the pictures of a view; the newest wins.
     #[must_use]
-    pub fn pictures(&self) -> watch::Receiver<Option<Arc<Picture>>> {
-        self.picture.subscribe()
+    pub fn pictures(&self, view: View) -> watch::Receiver<Option<Arc<Picture>>> {
+        self.outlet(view).pictures.subscribe()
     }
 
     /// Returns the newest preview of the environment.
@@ -175,17 +284,17 @@ impl SharedStatus {
         self.environment.borrow().clone()
     }
 
-    /// Subscribes to the number of viewers of the stream.
+    /// Subscribes to the number of viewers of a stream.
     #[must_use]
-    pub fn viewers(&self) -> watch::Receiver<u32> {
-        self.watchers.subscribe()
+    pub fn viewers(&self, view: View) -> watch::Receiver<u32> {
+        self.outlet(view).watchers.subscribe()
     }
 
-    /// Counts a viewer of the stream until the guard is dropped.
+    /// Counts a viewer of a stream until the guard is dropped.
     #[must_use]
-    pub fn count_viewer(self: &Arc<Self>) -> Watching {
-        self.watchers.send_modify(|n| *n += 1);
-        Watching(Arc::clone(self))
+    pub fn count_viewer(self: &Arc<Self>, view: View) -> Watching {
+        self.outlet(view).watchers.send_modify(|n| *n += 1);
+        Watching(Arc::clone(self), view)
     }
 
     /// Counts a request for a single picture until the guard is dropped.
@@ -201,12 +310,37 @@ impl SharedStatus {
     }
 }
 
-/// Guard of a viewer of the stream.
-pub struct Watching(Arc<SharedStatus>);
+/// What a stream shows.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum View {
+    /// The composited picture.
+    Composite,
+    /// The same, with the camera's picture of the same frame below it.
+    Pair,
+}
+
+/// The pictures of a view and the number of its viewers.
+struct Outlet {
+    pictures: watch::Sender<Option<Arc<Picture>>>,
+    watchers: watch::Sender<u32>,
+}
+
+impl Default for Outlet {
+    fn default() -> Self {
+        Self {
+            pictures: watch::Sender::new(None),
+            watchers: watch::Sender::new(0),
+        }
+    }
+}
+
+/// Guard of a viewer of a stream.
+pub struct Watching(Arc<SharedStatus>, View);
 
 impl Drop for Watching {
     fn drop(&mut self) {
-        self.0.watchers.send_modify(|n| *n = n.saturating_sub(1));
+        let watchers = &self.0.outlet(self.1).watchers;
+        watchers.send_modify(|n| *n = n.saturating_sub(1));
     }
 }
 
@@ -271,12 +405,17 @@ mod tests {
     fn pictures_are_requested_while_there_are_viewers() {
         let (shared, _) = shared();
         assert!(!shared.wants_picture());
-        let (first, second) = (shared.count_viewer(), shared.count_viewer());
+        let viewer = || shared.count_viewer(View::Composite);
+        let (first, second) = (viewer(), viewer());
         drop(first);
         assert!(shared.wants_picture());
         assert_eq!(shared.snapshot().stream.viewers, 1);
         drop(second);
         assert!(!shared.wants_picture());
+        let comparing = shared.count_viewer(View::Pair);
+        assert!(shared.wants_pair() && !shared.wants_picture());
+        drop(comparing);
+        assert!(!shared.wants_pair());
         let asking = shared.ask();
         assert!(shared.wants_picture());
         drop(asking);
@@ -306,11 +445,14 @@ mod tests {
             .request_settings(&change(r#"{"shadow_strength": 0.5}"#))
             .unwrap();
         assert_eq!((both.light_count, both.shadow_strength), (8, 0.5));
+        let snapshot = shared.snapshot();
         assert_eq!(
-            shared.snapshot().settings,
+            snapshot.settings,
             Settings::default(),
             "only the rig sets the active settings"
         );
+        assert_eq!(snapshot.settings_requested, both);
+        assert_eq!(snapshot.settings_configured, Settings::default());
     }
 
     #[test]

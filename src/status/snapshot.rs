@@ -3,7 +3,9 @@
 //! [`STATUS_FIELDS`](super::STATUS_FIELDS) describes every field for readers of the JSON; a test
 //! compares the two. Numbers that are not finite appear as `null`.
 
+use super::objects::ObjectsStatus;
 use super::planes::PlanesStatus;
+use super::playback::PlaybackStatus;
 use super::probe::ProbeStatus;
 use super::recording::Recording;
 use super::registration::RegistrationStatus;
@@ -45,10 +47,14 @@ pub struct Snapshot {
     pub lighting: LightingStatus,
     /// The scene and its file.
     pub scene: SceneStatus,
+    /// Virtual objects and their places.
+    pub objects: ObjectsStatus,
     /// Shadowing planes.
     pub planes: PlanesStatus,
     /// Exposure of the output.
     pub exposure: ExposureStatus,
+    /// Playback of a recording.
+    pub playback: PlaybackStatus,
     /// Recording.
     pub recording: Recording,
     /// Cameras and trackers.
@@ -61,10 +67,17 @@ pub struct Snapshot {
     pub resolution: Resolution,
     /// Settings of the newest picture.
     pub settings: Settings,
+    /// Settings as requested; they differ from `settings` until a picture uses them. Filled in when
+    /// the snapshot is read.
+    pub settings_requested: Settings,
+    /// Settings at the start, by configuration and command line; filled in likewise.
+    pub settings_configured: Settings,
     /// The stream to browsers.
     pub stream: Stream,
     /// Warnings for the user.
     pub warnings: Vec<Warning>,
+    /// The log, whose entries are at `/log`.
+    pub log: LogStatus,
 }
 
 impl Default for Snapshot {
@@ -80,16 +93,21 @@ impl Default for Snapshot {
             white_balance: WhiteBalance::default(),
             lighting: LightingStatus::default(),
             scene: SceneStatus::default(),
+            objects: ObjectsStatus::default(),
             planes: PlanesStatus::default(),
             exposure: ExposureStatus::default(),
+            playback: PlaybackStatus::default(),
             recording: Recording::default(),
             devices: Vec::new(),
             adapter: Adapter::default(),
             quality: Quality::default(),
             resolution: Resolution::default(),
             settings: Settings::default(),
+            settings_requested: Settings::default(),
+            settings_configured: Settings::default(),
             stream: Stream::default(),
             warnings: Vec::new(),
+            log: LogStatus::default(),
         }
     }
 }
@@ -598,6 +616,13 @@ pub struct Stream {
     pub viewers: u32,
     /// Pictures encoded for them.
     pub encoded: u64,
+}
+
+/// State of the log; filled in when the snapshot is read.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct LogStatus {
+    /// Number of the newest entry; 0 without entries.
+    pub newest: u64,
 }
 
 /// A warning.

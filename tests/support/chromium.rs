@@ -108,6 +108,68 @@ impl Chromium {
         self.call("Emulation.setDeviceMetricsOverride", size);
     }
 
+    /// Sets the colours that the system prefers: `light` or `dark`.
+    pub fn prefer_colours(&mut self, colours: &str) {
+        let features = json!([{"name": "prefers-color-scheme", "value": colours}]);
+        self.call(
+            "Emulation.setEmulatedMedia",
+            json!({ "features": features }),
+        );
+    }
+
+    /// Presses a key.
+    pub fn press(&mut self, key: &str, code: u32) {
+        for kind in ["rawKeyDown", "keyUp"] {
+            let event =
+                json!({"type": kind, "key": key, "code": key, "windowsVirtualKeyCode": code});
+            self.call("Input.dispatchKeyEvent", event);
+        }
+        if key == "Enter" {
+            let event = json!({"type": "char", "key": key, "text": "\r"});
+            self.call("Input.dispatchKeyEvent", event);
+        }
+    }
+
+    /// Returns the middle of an element in the visible part of the page, after scrolling to it.
+    pub fn middle_of(&mut self, selector: &str) -> [f64; 2] {
+        let at = self.evaluate(&format!(
+            "(() => {{ const e = document.querySelector('{selector}'); e.scrollIntoView({{ block: 'center' }}); \
+             const r = e.getBoundingClientRect(); return [r.x + r.width / 2, r.y + r.height / 2]; }})()"
+        ));
+        [0, 1].map(|i| at[i].as_f64().expect("a number"))
+    }
+
+    /// Touches an element.
+    pub fn tap(&mut self, selector: &str) {
+        let [x, y] = self.middle_of(selector);
+        let points = json!([{"x": x, "y": y}]);
+        self.call(
+            "Input.dispatchTouchEvent",
+            json!({"type": "touchStart", "touchPoints": points}),
+        );
+        self.call(
+            "Input.dispatchTouchEvent",
+            json!({"type": "touchEnd", "touchPoints": []}),
+        );
+    }
+
+    /// Moves the mouse with the button pressed from one point of the visible part to another.
+    pub fn drag(&mut self, from: [f64; 2], to: [f64; 2]) {
+        let mut mouse = |kind: &str, [x, y]: [f64; 2]| {
+            let event = json!({"type": kind, "x": x, "y": y, "button": "left", "buttons": 1, "clickCount": 1});
+            self.call("Input.dispatchMouseEvent", event);
+        };
+        mouse("mousePressed", from);
+        for step in 1..=10 {
+            let share = f64::from(step) / 10.0;
+            mouse(
+                "mouseMoved",
+                [0, 1].map(|i| from[i] + share * (to[i] - from[i])),
+            );
+        }
+        mouse("mouseReleased", to);
+    }
+
     /// Opens an address.
     pub fn open(&mut self, url: &str) {
         let opened = self.call("Page.navigate", json!({ "url": url }));

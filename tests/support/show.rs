@@ -7,6 +7,7 @@ use penumbra_interface::DeviceKind;
 use penumbra_lighting::{DomeLight, LightKind, LightPlace};
 use penumbra_picture::Picture;
 use penumbra_status::planes::{PlanesState, PlanesStatus};
+use penumbra_status::registration::RegistrationSource;
 use penumbra_status::snapshot::{
     Device, DeviceState, PoseAnswer, Resolution, SessionState, WhiteBalanceEstimate,
     WhiteBalanceMethod, WhiteMatch,
@@ -25,6 +26,8 @@ const HEIGHT: u32 = 480;
 pub struct Show {
     pub address: SocketAddr,
     pub shared: Arc<SharedStatus>,
+    /// While set, the rig composes no picture, so that no setting takes effect.
+    pub held: Arc<AtomicBool>,
     stop: Arc<AtomicBool>,
     feeder: Option<JoinHandle<()>>,
     _runtime: tokio::runtime::Runtime,
@@ -44,12 +47,14 @@ impl Show {
         let runtime = tokio::runtime::Runtime::new().expect("a runtime");
         runtime.spawn(server.serve(std::future::pending()));
         let stop = Arc::new(AtomicBool::new(false));
-        let fed = (Arc::clone(&shared), Arc::clone(&stop));
-        let feeder = penumbra_interface::threads::spawn("feeder", move || feed(&fed.0, &fed.1))
-            .expect("a thread");
+        let held = Arc::new(AtomicBool::new(false));
+        let fed = (Arc::clone(&shared), Arc::clone(&stop), Arc::clone(&held));
+        let feed = move || feed(&fed.0, &fed.1, &fed.2);
+        let feeder = penumbra_interface::threads::spawn("feeder", feed).expect("a thread");
         Self {
             address,
             shared,
+            held,
             stop,
             feeder: Some(feeder),
             _runtime: runtime,
@@ -66,7 +71,7 @@ impl Drop for Show {
     }
 }
 
-fn feed(shared: &SharedStatus, stop: &AtomicBool) {
+fn feed(shared: &SharedStatus, stop: &AtomicBool, held: &AtomicBool) {
     let settings = shared.settings_receiver();
     shared.publish_snapshot(example_snapshot());
     shared.publish_environment_preview(Arc::new(sky(256)));
@@ -74,11 +79,21 @@ fn feed(shared: &SharedStatus, stop: &AtomicBool) {
         if stop.load(Ordering::Relaxed) {
             return;
         }
+        if held.load(Ordering::Relaxed) {
+            std::thread::sleep(Duration::from_millis(20));
+            continue;
+        }
         let requested = settings.borrow().clone();
         let visible = requested.virtual_object_visible;
         let wobble = 1.0 + 0.12 * (frame as f64 / 9.0).sin() + 0.05 * (frame as f64 * 1.7).sin();
         let scale = wobble * f64::from(requested.light_count) / 64.0;
         shared.update(|s| advance(s, frame, scale, requested));
+        if shared.wants_pair() {
+            let mut pair = rolling_ball(frame, visible);
+            pair.rgba.extend(rolling_ball(frame, false).rgba);
+            pair.height *= 2;
+            shared.publish_pair(Arc::new(pair));
+        }
         if shared.wants_picture() {
             shared.publish_picture(Arc::new(rolling_ball(frame, visible)));
         }
@@ -153,6 +168,7 @@ pub fn example_snapshot() -> Snapshot {
     s.pairing.environment_skew_p99_ms = Some(16.1);
     s.pairing.pose_skew_ms = Some(4.1);
     s.pairing.pose = PoseAnswer::Interpolated;
+    s.registration.source = RegistrationSource::Tracker;
     s.lighting.compact_lights = 6;
     s.lighting.compact_sources = 2;
     s.lighting.age_ms = Some(8.3);

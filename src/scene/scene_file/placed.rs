@@ -2,6 +2,7 @@
 
 use super::typed::{Entry, LampFile};
 use super::{Surroundings, lamp, motion, refuse_phantom_keys};
+use crate::edit::SceneObject;
 use crate::error::SceneError;
 use crate::lamps::MAX_LAMPS;
 use crate::mesh::Part;
@@ -16,6 +17,8 @@ use std::path::Path;
 #[derive(Default)]
 pub(super) struct Placed {
     pub objects: Vec<Part>,
+    /// Which parts and lamps belong together.
+    pub groups: Vec<SceneObject>,
     pub lamps: Vec<VirtualLight>,
     /// Prefix of a message about each lamp: file, line and key.
     pub lamp_places: Vec<String>,
@@ -48,6 +51,8 @@ impl Placed {
         }
         let motion_of_object = entry.motion(&at, world_from_model).map_err(located)?;
         let parts = entry.parts(&model, &at, folder, text)?;
+        let (first, first_lamp) = (self.objects.len(), self.lamps.len());
+        let name = parts.first().map(|part| part.name.clone());
         for (k, mut part) in parts.into_iter().enumerate() {
             let motion = model.part_motion(k, &motion_of_object);
             part.world_from_part = motion.at(0.0);
@@ -62,6 +67,11 @@ impl Placed {
             self.lamp_places
                 .push(message_prefix(text, format!("{at}.file")));
         }
+        self.groups.push(SceneObject {
+            name: entry.name.clone().or(name).unwrap_or_default(),
+            parts: first..self.objects.len(),
+            lamps: (first_lamp..self.lamps.len()).collect(),
+        });
         if let Some(name) = &entry.name {
             let frame = motion::lamp_frame(&motion_of_object);
             self.frames.insert(name.clone(), frame);
@@ -93,6 +103,12 @@ impl Placed {
             let place = message_prefix(text, format!("{at}.position_m"));
             self.lamp_places.push(place);
             let carrier = file.attached_to.as_ref();
+            let index = self.lamps.len();
+            // Of objects of one name, the last carries the lamp.
+            let mut groups = self.groups.iter_mut().rev();
+            if let Some(group) = groups.find(|group| Some(&group.name) == carrier) {
+                group.lamps.push(index);
+            }
             let motion = carrier.and_then(|name| self.carriers.get(name));
             self.add(lamp, motion.cloned().unwrap_or_default());
         }

@@ -1,17 +1,17 @@
 // Small charts of the values received since the page was opened.
 
-export const LIGHT = '#f2b84b';
-export const COOL = '#6fb2ff';
-const HISTORY = 240; // two minutes at two values a second
-const MIN_SPAN = 40; // values across a chart at least, so that the first ones do not fill it
+const SPAN_MS = 120_000; // the time across a chart
+const LABEL_PX = 12;
+const TIMES = [[0, 'now'], [30_000, '30 s'], [60_000, '1 min'], [90_000, '90 s'], [120_000, '2 min']];
 
 const histories = new Map();
 
-/** Appends a value to a history; returns the history. */
+/** Appends a value to a history; returns the history, a list of times and values. */
 export function remember(key, value) {
   const history = histories.get(key) ?? [];
-  history.push(Number.isFinite(value) ? value : NaN);
-  if (history.length > HISTORY) history.shift();
+  const now = performance.now();
+  history.push([now, Number.isFinite(value) ? value : NaN]);
+  while (now - history[0][0] > SPAN_MS) history.shift();
   histories.set(key, history);
   return history;
 }
@@ -39,69 +39,66 @@ function niceAbove(value) {
   return round.find((r) => r >= value * 0.999) ?? value;
 }
 
+/** Traces the line; it is broken where values are missing or the page received none for a while. */
 function trace(context, history, x, y) {
   context.beginPath();
-  let drawing = false;
-  history.forEach((value, i) => {
-    if (Number.isNaN(value)) { drawing = false; return; }
-    if (drawing) context.lineTo(x(i), y(value)); else context.moveTo(x(i), y(value));
-    drawing = true;
-  });
+  let last = null;
+  for (const [at, value] of history) {
+    const joined = last !== null && at - last < 5000;
+    if (Number.isNaN(value)) { last = null; continue; }
+    if (joined) context.lineTo(x(at), y(value)); else context.moveTo(x(at), y(value));
+    last = at;
+  }
 }
 
-/** Draws a history as a line, with a labelled axis on request. */
-export function spark(canvas, history, { colour = LIGHT, axis = false } = {}) {
+/** Draws a history as a line over the last two minutes, with labelled axes on request. Colours are
+ * those of the canvas's style. */
+export function spark(canvas, history, { axis = false } = {}) {
   const surface = prepare(canvas);
   if (!surface) return;
   const { context, width, height } = surface;
-  const top = niceAbove(Math.max(...history.filter(Number.isFinite), 0) * (axis ? 1.05 : 1));
-  const [left, inset] = axis ? [30, 8] : [0, 3];
-  const span = Math.max(MIN_SPAN, history.length) - 1;
-  const x = (i) => left + ((span + 1 - history.length + i) / span) * (width - left - 3);
-  const y = (value) => height - inset - (value / top) * (height - 2 * inset);
-  if (axis) grid(context, { left, width, top, y });
-  context.strokeStyle = colour;
-  context.fillStyle = colour;
+  const style = getComputedStyle(canvas);
+  const values = history.map(([, value]) => value).filter(Number.isFinite);
+  const top = niceAbove(Math.max(...values, 0) * (axis ? 1.05 : 1));
+  const [left, above, below] = axis ? [34, 8, 20] : [0, 3, 3];
+  const now = performance.now();
+  const x = (at) => left + (1 - (now - at) / SPAN_MS) * (width - left - 4);
+  const y = (value) => height - below - (value / top) * (height - above - below);
+  if (axis) grid(context, style, { left, width, height, top, x, y, now });
+  context.strokeStyle = style.color;
+  context.fillStyle = style.color;
   context.lineWidth = axis ? 1.8 : 1.4;
   context.lineJoin = 'round';
   trace(context, history, x, y);
   context.stroke();
-  if (axis) shade(context, history, x, y);
-  dot(context, history, x, y, axis ? 2.8 : 2);
-}
-
-/** Fills the area below the line. */
-function shade(context, history, x, y) {
-  const first = history.findIndex(Number.isFinite);
-  if (first < 0 || history.some((value, i) => i > first && Number.isNaN(value))) return;
-  context.lineTo(x(history.length - 1), y(0));
-  context.lineTo(x(first), y(0));
-  context.globalAlpha = 0.13;
-  context.fill();
-  context.globalAlpha = 1;
+  dot(context, history.at(-1), x, y, axis ? 2.8 : 2);
 }
 
 /** Marks the newest value. */
-function dot(context, history, x, y, radius) {
-  const last = history.length - 1;
-  if (!Number.isFinite(history[last])) return;
+function dot(context, newest, x, y, radius) {
+  if (!newest || !Number.isFinite(newest[1])) return;
   context.beginPath();
-  context.arc(x(last), y(history[last]), radius, 0, 7);
+  context.arc(x(newest[0]), y(newest[1]), radius, 0, 7);
   context.fill();
 }
 
-function grid(context, { left, width, top, y }) {
-  context.font = '10px system-ui, sans-serif';
+function grid(context, style, { left, width, height, top, x, y, now }) {
+  context.font = `${LABEL_PX}px system-ui, sans-serif`;
+  context.lineWidth = 1;
+  context.strokeStyle = style.borderTopColor;
+  context.fillStyle = style.outlineColor;
   context.textAlign = 'right';
   context.textBaseline = 'middle';
-  context.lineWidth = 1;
   for (const value of [0, top / 2, top]) {
-    context.strokeStyle = '#222733';
     context.beginPath();
     context.moveTo(left, Math.round(y(value)) + 0.5);
     context.lineTo(width, Math.round(y(value)) + 0.5);
     context.stroke();
-    context.fillStyle = '#7d8695';
     context.fillText(String(Number(value.toPrecision(2))), left - 6, y(value));
   }
+  context.textBaseline = 'alphabetic';
+  TIMES.forEach(([ago, label], i) => {
+    context.textAlign = i === 0 ? 'right' : i === TIMES.length - 1 ? 'left' : 'center';
+    context.fillText(label, Math.max(x(now - ago), left), height - 3);
+  });
 }

@@ -1,25 +1,28 @@
 // The dashboard: requests /status twice a second and shows it. Its own state is the history of the
-// charts and the changes that the rig has not confirmed yet.
+// charts, the changes that can be undone, and choices of the viewer.
 
 import { calibrate } from './calibrate.js';
-import { COOL, LIGHT, remember, spark } from './charts.js';
+import { remember, spark } from './charts.js';
 import { exposure } from './exposure.js';
-import { planes } from './planes.js';
+import { health, healthUnknown } from './health.js';
+import { lamps } from './lamps.js';
+import { buildLog, log } from './log.js';
+import { buildObjects, objects } from './objects.js';
+import { buildPicture, openStream, picture } from './picture.js';
+import { buildPlayback, playback } from './playback.js';
+import { buildPlanes, planes } from './planes.js';
+import { buildPresets, presets } from './presets.js';
 import { recording } from './recording.js';
-import { settings } from './settings.js';
-import { $, age, duration, facts, flag, make, millis, number, percent, pill, put, refill, whole } from './text.js';
+import { buildSettings, settings } from './settings.js';
+import { buildTheme } from './theme.js';
+import { $, age, duration, facts, flag, make, millis, number, percent, put, refill, whole } from './text.js';
 
 const POLL_MS = 500;
 const RETRY_MS = 1500;
 const ENVIRONMENT_MS = 1000;
-const STILL_MS = 3000;
 
-const STATES = {
-  starting: ['getting ready', 'warn'], live: ['live', 'good'], replaying: ['replaying', 'good'],
-  paused: ['paused', 'idle'], ended: ['ended', 'idle'], failed: ['failed', 'bad'],
-};
 const DEVICE_STATES = {
-  absent: 'idle', opening: 'warn', streaming: 'good', silent: 'warn', retrying: 'warn', failed: 'bad', ended: 'idle',
+  absent: 'idle', opening: 'warn', streaming: 'good', silent: 'warn', retrying: 'bad', failed: 'bad', ended: 'idle',
 };
 const DEVICE_KINDS = {
   'scene-camera': 'Scene camera', 'environment-camera': 'Environment camera', tracker: 'Tracker',
@@ -43,50 +46,11 @@ const METHOD_TEXTS = {
   none: 'The cameras are not matched.',
 };
 
-// ── picture ─────────────────────────────────────────────────────────────────────────
-
-let streamRound = 0;
-
-/** Opens the stream again; a broken one does not recover by itself. */
-function openStream() {
-  streamRound += 1;
-  $('picture').src = `/stream.mjpeg?n=${streamRound}`;
-}
-
-/** Closes the stream while the page is hidden, so that the rig need not encode. */
-function closeStream() {
-  $('picture').removeAttribute('src');
-}
-
-function picture(s) {
-  const { width, height } = s.resolution;
-  if (width && height) $('screen').style.aspectRatio = `${width} / ${height}`;
-  put($('picture-facts'), width ? `${width} × ${height}` : '');
-  const note = $('picture-note');
-  const moving = ['live', 'replaying'].includes(s.session.state);
-  const still = moving && s.frames.last_age_ms > STILL_MS;
-  if (!s.frames.composed) put(note, 'Waiting for the first picture …');
-  else if (still) put(note, `No new picture for ${age(s.frames.last_age_ms)}`);
-  note.toggleAttribute('data-over', still);
-  note.hidden = Boolean(s.frames.composed) && !still;
-}
-
-$('full').addEventListener('click', () => $('screen').requestFullscreen?.());
-document.addEventListener('visibilitychange', () => {
-  if (document.hidden) closeStream();
-  else openStream();
-});
-window.addEventListener('pagehide', closeStream);
-window.addEventListener('pageshow', (event) => { if (event.persisted) openStream(); });
-
 // ── cards ───────────────────────────────────────────────────────────────────────────
 
 const stageOf = (s, name) => s.stages.find((stage) => stage.name === name && stage.kind === 'cpu');
 
 function head(s) {
-  const [word, tone] = STATES[s.session.state] ?? [s.session.state, 'idle'];
-  pill($('state-pill'), word, tone);
-  put($('state-description'), s.session.description);
   put($('session-name'), s.session.name || 'no session');
   document.title = s.session.name ? `${s.session.name} – Penumbra` : 'Penumbra';
   put($('head-fps'), number(s.frames.per_second));
@@ -119,7 +83,8 @@ function devices(s) {
 function deviceItem([name, kind, state, reason, identity, mode, notes, controls]) {
   const item = make('li');
   const badge = make('span', 'pill', state);
-  badge.dataset.tone = DEVICE_STATES[state] ?? 'idle';
+  const tone = DEVICE_STATES[state] ?? 'idle';
+  badge.dataset.tone = tone === 'good' && reason ? 'warn' : tone;
   const title = make('b', '', DEVICE_KINDS[kind] ?? kind);
   const what = make('span', 'what muted');
   what.append(make('span', '', `${name} · `), make('span', 'description'));
@@ -261,7 +226,7 @@ function timing(s) {
   put($('fps-now'), number(s.frames.per_second));
   put($('ms-now'), millis(total));
   spark($('fps-chart'), fps, { axis: true });
-  spark($('ms-chart'), ms, { axis: true, colour: COOL });
+  spark($('ms-chart'), ms, { axis: true });
   $('fps-chart').ariaLabel = `Frames per second over the last two minutes, now ${number(s.frames.per_second)}`;
   $('ms-chart').ariaLabel = `Milliseconds per frame over the last two minutes, now ${number(total)}`;
   stages(s);
@@ -283,8 +248,7 @@ function stages(s) {
   refill($('stages'), rows.map((r) => [r.name, r.kind]), stageRow);
   rows.forEach((stage, i) => {
     const row = $('stages').children[i];
-    const colour = stage.kind === 'gpu' ? COOL : LIGHT;
-    spark(row.querySelector('canvas'), remember(`${stage.kind} ${stage.name}`, stage.recent_ms), { colour });
+    spark(row.querySelector('canvas'), remember(`${stage.kind} ${stage.name}`, stage.recent_ms));
     const figures = [stage.recent_ms, stage.p50_ms, stage.p99_ms];
     figures.forEach((value, j) => put(row.children[2 + j], millis(value)));
   });
@@ -295,7 +259,7 @@ function stageRow([name, kind]) {
   row.toggleAttribute('data-total', name === 'total');
   const label = STAGES[name] ?? name.replaceAll('_', ' ').replace(/^./, (c) => c.toUpperCase());
   const history = make('td', 'history');
-  const canvas = make('canvas');
+  const canvas = make('canvas', kind === 'gpu' ? 'cool' : '');
   canvas.ariaHidden = 'true';
   history.append(canvas);
   row.append(make('td', kind, label), history, make('td'), make('td'), make('td'));
@@ -304,16 +268,22 @@ function stageRow([name, kind]) {
 
 // ── requests ──────────────────────────────────────────────────────────────────────────────
 
-function render(s) {
+function render(s, askedAt) {
   head(s);
+  health(s);
+  log(s);
   picture(s);
-  settings(s.settings);
+  playback(s);
+  objects(s);
+  settings(s, askedAt);
+  presets(s);
   warnings(s);
   planes(s);
   exposure(s);
   recording(s.recording);
   devices(s);
   environment(s);
+  lamps(s.lighting);
   balance(s);
   timing(s);
 }
@@ -328,13 +298,13 @@ function connected() {
 function disconnected(reason) {
   document.body.dataset.link = 'lost';
   flag($('link-lost'), reason);
-  pill($('state-pill'), 'no connection', 'bad');
-  put($('state-description'), '');
+  healthUnknown();
   put($('picture-note'), 'No connection');
   $('picture-note').hidden = false;
 }
 
 async function update() {
+  const askedAt = performance.now();
   let response;
   try {
     response = await fetch('/status', { signal: AbortSignal.timeout(5000) });
@@ -347,7 +317,7 @@ async function update() {
   const s = await response.json();
   if (s.version !== 1) { disconnected('Penumbra has been updated: reload this page.'); return false; }
   connected();
-  render(s);
+  render(s, askedAt);
   return true;
 }
 
@@ -356,5 +326,13 @@ async function poll() {
   setTimeout(poll, up ? POLL_MS : RETRY_MS);
 }
 
+buildPicture();
+buildPlayback();
+buildObjects();
+buildSettings();
+buildPlanes();
+buildPresets();
+buildLog();
+buildTheme();
 poll();
 calibrate();

@@ -1,6 +1,6 @@
 // Exposure: shows the rows of the active mode and the active exposure.
 
-import { $, number, put } from './text.js';
+import { $, flag, number } from './text.js';
 
 /** Formats stops with their sign. */
 export function stops(value) {
@@ -16,5 +16,5 @@ export function exposure(s) {
   }
   const { ev, target_ev: target } = s.exposure;
   const change = Math.abs(ev - target) > 0.05 ? `, target ${stops(target)}` : '';
-  put($('exposure-hint'), ev === 0 && !change ? 'The camera’s exposure.' : `${stops(ev)}${change}`);
+  flag($('exposure_mode-hint'), ev === 0 && !change ? 'Now the camera’s exposure.' : `Now ${stops(ev)}${change}.`);
 }

@@ -1,5 +1,6 @@
 // Shadowing planes: a card that is shown while they are the active technique.
 
+import { apply } from './settings.js';
 import { $, facts, flag, number, percent, pill, put, whole } from './text.js';
 
 const STATES = { off: ['off', 'idle'], baking: ['baking', 'warn'], ready: ['ready', 'good'], failed: ['failed', 'bad'] };
@@ -17,12 +18,26 @@ function description(p) {
   return `Baked in ${number(p.bake_seconds)} s, ${megabytes}.`;
 }
 
-/** The state beside the choice of the technique; empty for another technique. */
+/** The state beside the choice of the technique. */
 function hint(p) {
-  if (p.state === 'baking') return p.total ? `Baking: ${percent(p.done / p.total, 0)}.` : 'Choosing the planes …';
+  if (p.state === 'baking') return p.total ? `Baking: ${percent(p.done / p.total, 0)}. Meanwhile the dome lights cast the shadows.` : 'Choosing the planes …';
   if (p.state === 'failed') return `No planes: ${p.reason}`;
   if (p.state !== 'ready') return '';
   return p.from_cache ? 'Ready, from the cache.' : `Ready, baked in ${number(p.bake_seconds)} s.`;
+}
+
+/** Shows the progress of a bake, which can be cancelled. */
+function progressOf(p) {
+  const baking = p.state === 'baking';
+  $('technique-progress').hidden = !baking;
+  const bar = $('technique-progress').querySelector('progress');
+  if (p.total) bar.value = p.done / p.total;
+  else bar.removeAttribute('value');
+}
+
+/** Connects the button that cancels a bake: the dome lights go on casting the shadows. */
+export function buildPlanes() {
+  $('technique-cancel').addEventListener('click', () => apply({ technique: 'image-based-shadowing' }));
 }
 
 /** Shows counts and the work saved. */
@@ -30,7 +45,8 @@ export function planes(s) {
   const p = s.planes;
   const shown = s.settings.technique === 'shadowing-planes';
   $('planes-card').hidden = !shown;
-  put($('technique-hint'), shown ? hint(p) : '');
+  flag($('technique-hint'), shown ? hint(p) : '');
+  progressOf(shown ? p : {});
   document.querySelectorAll('[data-only=planes]').forEach((row) => { row.hidden = !shown; });
   if (!shown) return;
   pill($('planes-pill'), ...(STATES[p.state] ?? [p.state, 'idle']));

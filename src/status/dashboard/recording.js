@@ -1,14 +1,16 @@
 // The record button: shows the state of the recording, and starts or stops one.
 
+import { post } from './requests.js';
 import { $, duration, flag, pill, put } from './text.js';
 
-const CONFIRM_MS = 4000;
 const TONES = { idle: 'idle', recording: 'bad', finished: 'good', failed: 'warn' };
-const WORDS = { idle: 'not recording', recording: 'recording', finished: 'recorded', failed: 'ended early' };
+const MAX_LEFT_S = 30 * 86_400; // more time left is no news
+const WORDS = { unavailable: 'live only', idle: 'not recording', recording: 'recording', finished: 'recorded', failed: 'ended early' };
 
 const button = $('record');
 let state = 'unavailable';
-let requestedAt = -Infinity; // when a request was sent that /status has not confirmed yet
+let asking = false; // while a request is under way
+let refusal = ''; // why the last request was refused
 
 /** Formats bytes. */
 function size(bytes) {
@@ -19,7 +21,7 @@ function size(bytes) {
 function line(r) {
   if (!r.file) return '';
   const parts = [r.file.split(/[\\/]/).pop(), size(r.bytes), duration(r.seconds)];
-  if (r.state === 'recording' && r.seconds_left !== null) parts.push(`${duration(r.seconds_left)} left`);
+  if (r.state === 'recording' && r.seconds_left !== null && r.seconds_left < MAX_LEFT_S) parts.push(`${duration(r.seconds_left)} left`);
   if (r.free_bytes !== null) parts.push(`${size(r.free_bytes)} free`);
   if (r.dropped) parts.push(`${r.dropped} dropped: the disk is too slow`);
   return parts.join(' · ');
@@ -27,30 +29,30 @@ function line(r) {
 
 /** Shows the state of the recording. */
 export function recording(r) {
-  if (r.state !== state) requestedAt = -Infinity;
   state = r.state;
-  $('recording-card').hidden = state === 'unavailable';
+  const closed = state === 'unavailable';
+  flag($('recording-hint'), closed ? 'A recording plays; only a live rig (penumbra run) can be recorded.' : '');
   pill($('recording-pill'), WORDS[state] ?? state, TONES[state] ?? 'idle');
   put($('recording-facts'), line(r));
-  flag($('recording-trouble'), state === 'failed' ? r.description : '');
+  flag($('recording-trouble'), state === 'failed' ? r.description : refusal);
   put(button, state === 'recording' ? 'Stop recording' : 'Record');
-  button.disabled = performance.now() - requestedAt < CONFIRM_MS;
+  button.disabled = asking || closed;
 }
 
+/** Starts or stops a recording; the rig's answer is its state. */
 async function toggle() {
-  requestedAt = performance.now();
+  asking = true;
   button.disabled = true;
-  flag($('recording-trouble'), '');
+  refusal = '';
   try {
-    const response = await fetch('/recording', {
-      method: 'POST',
-      headers: { 'Content-Type': 'application/json' },
-      body: JSON.stringify({ record: state !== 'recording' }),
-    });
-    if (!response.ok) throw new Error((await response.json()).error);
+    const answer = await post('/recording', { record: state !== 'recording' });
+    asking = false;
+    recording(answer);
   } catch (error) {
-    requestedAt = -Infinity;
-    flag($('recording-trouble'), error.message);
+    asking = false;
+    button.disabled = false;
+    refusal = error.message;
+    flag($('recording-trouble'), refusal);
   }
 }
 

@@ -1,6 +1,13 @@
 //! The dashboard in Chromium.
 #![expect(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
+mod controls;
+mod health;
+mod layout;
+mod objects;
+mod picture;
+mod playback;
+#[path = "../support/mod.rs"]
 mod support;
 
 use penumbra_config::LightPlacement;
@@ -386,17 +393,20 @@ fn exposure_is_set_manually() {
     open(&mut browser, &show);
     let text = |id: &str| format!("document.getElementById('{id}').textContent");
     browser.wait_for(&format!(
-        "{}.includes('The camera’s exposure')",
-        text("exposure-hint")
+        "{}.includes('Now the camera’s exposure')",
+        text("exposure_mode-hint")
     ));
     let row = "document.querySelector('[name=exposure_ev]').closest('.row').hidden";
     assert_eq!(browser.evaluate(row), true);
     browser.evaluate("document.querySelector('[name=exposure_mode][value=manual]').click()");
     browser.wait_for(&format!("!{row}"));
     browser.evaluate("(() => { const s = document.querySelector('[name=exposure_ev]'); s.value = '-1.5'; s.dispatchEvent(new Event('input', {bubbles: true})); })()");
-    browser.wait_for(&format!("{} === '−1.5\u{a0}EV'", text("exposure-hint")));
+    browser.wait_for(&format!(
+        "{} === 'Now −1.5\u{a0}EV.'",
+        text("exposure_mode-hint")
+    ));
     browser.wait_for("!document.querySelector('[data-pending]')");
-    assert_eq!(browser.evaluate(&text("ev-text")), "−1.5\u{a0}EV");
+    assert_eq!(browser.evaluate(&text("exposure_ev-text")), "−1.5\u{a0}EV");
     assert_eq!(show.shared.settings_receiver().borrow().exposure_ev, -1.5);
     keep("exposure.png", &browser.screenshot(true));
     assert_eq!(browser.complaints(), [""; 0]);
@@ -425,7 +435,7 @@ fn planes_card_is_shown_while_planes_are_active() {
         "fetch('/status').then(r => r.json()).then(s => s.settings.planes_skip_below === 0.02)",
     );
     browser.wait_for("!document.querySelector('[data-pending]')");
-    let skip = browser.evaluate("document.getElementById('skip-text').textContent");
+    let skip = browser.evaluate("document.getElementById('planes_skip_below-text').textContent");
     assert_eq!(skip, "2.0 %");
     keep("planes.png", &browser.screenshot(true));
     assert_eq!(browser.complaints(), [""; 0]);
