@@ -1,5 +1,5 @@
 # `make help` lists the targets. Variables: ARGS (additional arguments of the program or the
-# script), SESSION, TEMPLE_SESSION, TRUTH, RIGS, CARGO_TARGET_DIR; REV, CASES, PAIRS (bench-compare).
+# script), SESSION, TABLE_SESSION, TEMPLE_SESSION, TRUTH, RIGS, CARGO_TARGET_DIR; REV, CASES, PAIRS (bench-compare).
 SHELL := bash
 .SHELLFLAGS := -eu -o pipefail -c
 .DELETE_ON_ERROR:
@@ -9,6 +9,7 @@ SHELL := bash
 TARGET := $(or $(CARGO_TARGET_DIR),target)
 PENUMBRA := $(TARGET)/release/penumbra
 SESSION ?= tests/fixtures/sessions/desk.mcap
+TABLE_SESSION ?= tests/fixtures/sessions/tea-table.mcap
 TEMPLE_SESSION ?= tests/fixtures/sessions/courtyard.mcap
 TRUTH ?= ../shared/truth
 RIGS ?= ../shared/rigs
@@ -25,19 +26,37 @@ UNPACKED := if [ -f target/packages/env ]; then . target/packages/env; fi;
 # A window needs a display; without one the picture is shown in the browser.
 WINDOW := $(if $(DISPLAY)$(WAYLAND_DISPLAY),,--headless)
 
-.PHONY: help demo demo-temple demo-lamp build test check docs docs-write unit advisories bench bench-table bench-compare gpu-check fidelity near-lamps calibration soak fuzz fmt packages-demo packages-test toolchain clean install uninstall deb tarball test-devices
+# Opens the status page of a demo as soon as it answers, where there is a browser to open it with.
+ON_PAGE := On the page, Compare wipes between the camera and the composite, and Move objects lets you drag virtual objects. Ctrl-C ends the demo.
+DEMO_PAGE := http://127.0.0.1:8780
+OPEN_PAGE := if [ -n "$(DISPLAY)$(WAYLAND_DISPLAY)" ] && command -v xdg-open >/dev/null; then \
+  (for _ in $$(seq 60); do curl -sf $(DEMO_PAGE)/healthz >/dev/null && { xdg-open $(DEMO_PAGE) >/dev/null 2>&1; break; }; sleep 1; done) & fi
+
+.PHONY: announce help demo demo-table demo-temple demo-lamp build test check docs docs-write unit advisories bench bench-table bench-compare gpu-check fidelity near-lamps calibration soak fuzz fmt packages-demo packages-test toolchain clean install uninstall deb tarball test-devices
 
 help: ## This list
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/' | expand -t 14
 
-demo: packages-demo build ## Install missing packages, build, replay the bundled session, print its address
+demo: announce packages-demo build ## Install missing packages, build, replay a session, open its page or print the address
+	@echo "The teapot is virtual. $(ON_PAGE)"
+	@$(OPEN_PAGE)
 	@$(UNPACKED) exec $(PENUMBRA) replay $(SESSION) --config config/demo.toml --loop $(WINDOW) $(ARGS)
 
-demo-temple: packages-demo build ## The same outdoors: a temple gate, baked shadowing planes, changing daylight
+demo-table: announce packages-demo build ## A tea table under a carried lamp, at 1280×720: for a machine with a GPU
+	@echo "Mirrored ball, gold ring, green knot and clay head are virtual. $(ON_PAGE)"
+	@$(OPEN_PAGE)
+	@$(UNPACKED) exec $(PENUMBRA) replay $(TABLE_SESSION) --config config/demo-table.toml --loop $(WINDOW) $(ARGS)
+
+demo-temple: announce packages-demo build ## The same outdoors: a temple gate, baked shadowing planes, changing daylight
+	@$(OPEN_PAGE)
 	@$(UNPACKED) exec $(PENUMBRA) replay $(TEMPLE_SESSION) --config config/demo-temple.toml --loop $(WINDOW) $(ARGS)
 
-demo-lamp: packages-demo build ## The same with a virtual lamp that lights a table, moves and is switched off and on
+demo-lamp: announce packages-demo build ## The same with a virtual lamp that lights a table, moves and is switched off and on
+	@$(OPEN_PAGE)
 	@$(UNPACKED) exec $(PENUMBRA) replay $(SESSION) --config config/demo-lamp.toml --loop $(WINDOW) $(ARGS)
+
+announce:
+	@test -e $(PENUMBRA) || echo 'The first build takes 5 to 15 minutes on two cores; cargo shows how far it is. Later ones take seconds.'
 
 build: toolchain ## The program, optimised: target/release/penumbra
 	@$(UNPACKED) cargo build --release --locked --bin penumbra

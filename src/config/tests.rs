@@ -135,6 +135,7 @@ fn reads_the_bundled_configurations() {
         "demo.toml",
         "demo-temple.toml",
         "demo-lamp.toml",
+        "demo-table.toml",
     ] {
         check_config(&shipped(name)).unwrap();
     }
