@@ -25,6 +25,11 @@ const BRIGHTEST_CODE: u8 = 250;
 const INTERVAL: u32 = 6;
 /// Looks after which the distance of a lamp that was far is searched again.
 const SEARCH_AGAIN: u32 = 5;
+/// Looks in which the distance of a lamp that is new is searched, although it seems to be far.
+const TRIES: u32 = 4;
+/// Angle between two sources, radians, below which one may be taken for the other from picture to
+/// picture, and above which they are told apart again.
+const MEETING: (f32, f32) = (0.2, 0.25);
 /// Number of lamps whose distances are searched, the strongest.
 const LAMPS: usize = 4;
 /// Share of a new estimate in the distance and the energy of a lamp that is followed.
@@ -48,6 +53,23 @@ struct Known {
     distance: LampDistance,
     /// Factor on its clipped pixels, RGB.
     factor: Vec3,
+    /// Looks in which its distance is still searched, although it seems to be far.
+    tries: u32,
+    /// The source that it has come close to.
+    met: Option<u32>,
+}
+
+impl Known {
+    /// Whether the lamp moves away from a source that it had come close to.
+    fn parts(&mut self, sources: &[CompactSource]) -> bool {
+        let angle = |s: &CompactSource| s.direction.angle_between(self.direction);
+        let others = || sources.iter().filter(|s| s.id != self.id);
+        let met = self.met.and_then(|id| others().find(|s| s.id == id));
+        let parts = met.is_some_and(|s| angle(s) > MEETING.1);
+        let close = others().find(|s| angle(s) < MEETING.0).map(|s| s.id);
+        self.met = met.map(|s| s.id).or(close);
+        parts
+    }
 }
 
 /// Finds the places of lamps, and follows them.
@@ -120,12 +142,13 @@ impl LampPlaces {
         gained
     }
 
-    /// Takes over the directions of lamps that are followed, and forgets the others.
+    /// Takes over the directions of lamps that are followed, and forgets the others, and those that
+    /// part from another source: which of the two is which is not certain.
     fn follow(&mut self, sources: &[CompactSource]) {
         self.known.retain_mut(|known| {
             let source = sources.iter().find(|s| s.id == known.id);
             known.direction = source.map_or(known.direction, |s| s.direction);
-            source.is_some()
+            source.is_some() && !known.parts(sources)
         });
     }
 
@@ -152,6 +175,8 @@ impl LampPlaces {
             direction: source.direction,
             distance,
             factor,
+            tries: self.known(source.id).map_or(TRIES, |k| k.tries),
+            met: self.known(source.id).and_then(|k| k.met),
         };
         match self.known.iter_mut().find(|k| k.id == source.id) {
             Some(known) => *known = now,
@@ -205,6 +230,9 @@ impl LampPlaces {
         }
         self.rests = INTERVAL;
         self.looks += 1;
+        for known in &mut self.known {
+            known.tries = known.tries.saturating_sub(1);
+        }
         self.see(scene, pose);
         let mut lamps = sources.to_vec();
         for lamp in &mut lamps {
@@ -223,7 +251,8 @@ impl LampPlaces {
             any_new_clipped |= before.is_none() && lamp.clipped > CLIPPED;
             let known = before.map_or(LampDistance::FAR, |k| k.distance);
             let was_far = known.inverse == 0.0;
-            let rests = before.is_some() && was_far && !self.is_late();
+            let tries = before.is_none_or(|k| k.tries > 0);
+            let rests = !tries && was_far && !self.is_late();
             let found = if rests || self.is_stated(lamp, observer) {
                 None
             } else {
@@ -331,5 +360,61 @@ impl LampPlaces {
             log_values: [linear.x, linear.y, linear.z, luminance].map(log),
             surface: hit.surface,
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn source(id: u32, azimuth: f32) -> CompactSource {
+        CompactSource {
+            id,
+            direction: Vec3::new(azimuth.cos(), azimuth.sin(), 0.0),
+            irradiance: Vec3::ONE,
+            angular_radius: 0.05,
+            distance: LampDistance::FAR,
+            position: None,
+            clipped: 0.0,
+            lights: 1,
+        }
+    }
+
+    fn lamp() -> Known {
+        Known {
+            id: 1,
+            direction: Vec3::X,
+            distance: LampDistance::FAR,
+            factor: Vec3::ONE,
+            tries: 0,
+            met: None,
+        }
+    }
+
+    /// Whether a lamp that passes sources at these angles, picture by picture, is forgotten.
+    fn passes(angles: impl IntoIterator<Item = [f32; 2]>) -> bool {
+        let mut known = lamp();
+        let mut parted = false;
+        for angles in angles {
+            let others = [source(2, angles[0]), source(3, angles[1])];
+            parted |= known.parts(&others);
+        }
+        parted
+    }
+
+    #[test]
+    fn lamp_that_passes_another_is_not_certain_afterwards() {
+        assert!(passes([[0.4, 1.0], [0.1, 1.0], [0.3, 1.0]]));
+        // Close together for ever, or never close.
+        assert!(!passes([[0.1, 1.0], [0.22, 1.0], [0.15, 1.0]]));
+        assert!(!passes([[0.3, 1.0], [0.22, 0.9], [0.3, 0.8]]));
+    }
+
+    #[test]
+    fn source_that_vanishes_beside_a_lamp_leaves_it_certain() {
+        let mut known = lamp();
+        assert!(!known.parts(&[source(2, 0.1)]));
+        assert!(!known.parts(&[source(3, 0.5)]));
+        assert_eq!(known.met, None);
     }
 }
