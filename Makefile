@@ -42,16 +42,18 @@ demo: announce packages-demo build ## Install missing packages, build, replay a 
 	@$(OPEN_PAGE)
 	@$(UNPACKED) exec $(PENUMBRA) replay $(SESSION) --config config/demo.toml --loop $(WINDOW) $(ARGS)
 
-demo-table: announce packages-demo build ## A tea table under a carried lamp, at 1280×720: for a machine with a GPU
+demo-table: announce packages-demo build ## A tea table under a carried lamp, at 1280×720 pixels
 	@echo "Mirrored ball, gold ring, green knot and clay head are virtual. $(ON_PAGE)"
 	@$(OPEN_PAGE)
 	@$(UNPACKED) exec $(PENUMBRA) replay $(TABLE_SESSION) --config config/demo-table.toml --loop $(WINDOW) $(ARGS)
 
 demo-temple: announce packages-demo build ## The same outdoors: a temple gate, baked shadowing planes, changing daylight
+	@echo "The gate is virtual; the afternoon passes in six seconds. $(ON_PAGE)"
 	@$(OPEN_PAGE)
 	@$(UNPACKED) exec $(PENUMBRA) replay $(TEMPLE_SESSION) --config config/demo-temple.toml --loop $(WINDOW) $(ARGS)
 
 demo-lamp: announce packages-demo build ## The same with a virtual lamp that lights a table, moves and is switched off and on
+	@echo "Ball, cone and lamp are virtual; the lamp lights the real table. $(ON_PAGE)"
 	@$(OPEN_PAGE)
 	@$(UNPACKED) exec $(PENUMBRA) replay $(SESSION) --config config/demo-lamp.toml --loop $(WINDOW) $(ARGS)
 

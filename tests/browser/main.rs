@@ -162,16 +162,22 @@ impl Drop for Program {
     }
 }
 
+/// Replays the desk in a loop and opens its page.
+fn open_replay(browser: &mut Chromium) -> Program {
+    let (program, address) = Program::replay();
+    browser.resize(1280, 800);
+    browser.open(&address);
+    browser.wait_for("document.body.dataset.link === 'up'");
+    browser.wait_for("document.getElementById('picture').naturalWidth === 640");
+    program
+}
+
 #[test]
 fn dashboard_of_a_replay_moves_and_applies_settings() {
     let Some(mut browser) = browser("dashboard_of_a_replay_moves_and_applies_settings") else {
         return;
     };
-    let (_program, address) = Program::replay();
-    browser.resize(1280, 800);
-    browser.open(&address);
-    browser.wait_for("document.body.dataset.link === 'up'");
-    browser.wait_for("document.getElementById('picture').naturalWidth === 640");
+    let _program = open_replay(&mut browser);
     browser.wait_for("document.getElementById('environment').naturalWidth >= 128");
     browser.wait_for("parseFloat(document.getElementById('head-fps').textContent) > 0");
     let second = wait_for_motion(&mut browser);

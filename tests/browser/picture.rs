@@ -2,7 +2,7 @@
 
 use crate::support::chromium::Chromium;
 use crate::support::show::Show;
-use crate::{Program, browser, keep, open};
+use crate::{browser, keep, open, open_replay};
 
 /// Sets the line, in per cent of the width.
 fn wipe(browser: &mut Chromium, percent: u32) {
@@ -37,11 +37,7 @@ fn wipe_compares_the_picture_with_the_cameras_of_the_same_frame() {
     else {
         return;
     };
-    let (_program, address) = Program::replay();
-    browser.resize(1280, 800);
-    browser.open(&address);
-    browser.wait_for("document.body.dataset.link === 'up'");
-    browser.wait_for("document.getElementById('picture').naturalWidth === 640");
+    let _program = open_replay(&mut browser);
     browser.evaluate("document.getElementById('compare').click()");
     browser.wait_for("document.getElementById('pair').naturalHeight === 960");
     // The stream of the composited picture is closed: nobody looks at it.

@@ -2,7 +2,9 @@
 
 use crate::support::chromium::Chromium;
 use crate::support::show::Show;
-use crate::{Program, browser, keep, open, picture_region, share_that_differs, wait_for_motion};
+use crate::{
+    browser, keep, open, open_replay, picture_region, share_that_differs, wait_for_motion,
+};
 use serde_json::Value;
 use std::time::Duration;
 
@@ -30,11 +32,7 @@ fn recording_is_paused_scrubbed_and_played_on() {
     let Some(mut browser) = browser("recording_is_paused_scrubbed_and_played_on") else {
         return;
     };
-    let (_program, address) = Program::replay();
-    browser.resize(1280, 800);
-    browser.open(&address);
-    browser.wait_for("document.body.dataset.link === 'up'");
-    browser.wait_for("document.getElementById('picture').naturalWidth === 640");
+    let _program = open_replay(&mut browser);
     browser.wait_for("document.getElementById('play').checkVisibility()");
     wait_for_motion(&mut browser);
     browser.evaluate("document.getElementById('play').click()");
