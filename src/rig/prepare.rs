@@ -1,8 +1,9 @@
 //! Prepares frames for the compositor, one frame ahead of it, on its own thread: decodes the
-//! picture, finds the camera's pose and requests the frame's light. Frames of a recording then wait
-//! until the next environment picture, too, has been read, between which and the one before the
-//! light is interpolated. The result does not depend on the consumer's timing, so the same
-//! recording gives the same pictures.
+//! picture, finds the camera's pose and requests the frame's light. Frames of a recording that is
+//! replayed at full speed or to files then wait until the next environment picture, too, has been
+//! read, between which and the one before the light is interpolated. The result does not depend on
+//! the consumer's timing, so the same recording gives the same pictures. At its own rate a
+//! recording is lit as a live rig is: it never waits for light.
 
 use crate::display::{DisplayLatency, DisplayPredictor};
 use crate::error::RigError;
@@ -29,7 +30,7 @@ use glam::DVec3;
 use penumbra_camera::{ExposureMotion, RollingShutter};
 use penumbra_capture::Next;
 use penumbra_config::TrackerSource;
-use penumbra_config::{Config, LookConfig, Predict, ReplayPairing};
+use penumbra_config::{Config, LookConfig, Predict, ReplayPairing, ReplaySpeed};
 use penumbra_interface::threads;
 use penumbra_interface::{MonotonicTime, RigidTransform};
 use penumbra_picture::{Picture, YuvEncoding, decode_within};
@@ -627,11 +628,18 @@ fn light_scheduler(
     let updater = LightUpdater::new(estimator, requested, technique, frequency, scene_updates);
     match source {
         Source::Live(_) => LightScheduler::live(updater),
+        // Nothing but eyes follows it, and they would rather not wait.
+        Source::Recorded(_) if is_paced(config) => LightScheduler::live(updater),
         Source::Recorded(_) if pairs_as_live(config, source) => {
             Ok(LightScheduler::from_journal(updater))
         }
         Source::Recorded(_) => Ok(LightScheduler::per_frame(updater)),
     }
+}
+
+/// Returns whether a recording is played at its own rate, and nothing of it is written to files.
+fn is_paced(config: &Config) -> bool {
+    config.replay.speed != ReplaySpeed::Max && config.output.frames.is_none()
 }
 
 /// Returns whether pictures are paired as in a live rig, with its limited wait for the tracker.

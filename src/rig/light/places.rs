@@ -14,7 +14,9 @@ use penumbra_rig_model::RigCalibration;
 use penumbra_scene::RayCaster;
 use std::sync::Arc;
 
-/// Pixels between the points of the grid, along x and y.
+/// Columns of the grid of points: more would make the search longer, not better.
+const COLUMNS: u32 = 107;
+/// Least number of pixels between the points of the grid, along x and y.
 const SPACING: u32 = 6;
 /// Half the side of the square over which a point's luminance is averaged, pixels.
 const AROUND: u32 = 2;
@@ -297,8 +299,9 @@ impl LampPlaces {
 
     /// Notes what the picture shows of real surfaces.
     fn see(&mut self, scene: &SceneView<'_>, pose: RigidTransform) {
+        let spacing = SPACING.max(self.camera.width.div_ceil(COLUMNS));
         let steps =
-            |length: u32| (SPACING / 2..length.saturating_sub(AROUND)).step_by(SPACING as usize);
+            |length: u32| (spacing / 2..length.saturating_sub(AROUND)).step_by(spacing as usize);
         let width = steps(self.camera.width).count();
         let all = steps(self.camera.height)
             .flat_map(|y| steps(self.camera.width).map(move |x| (x, y)))

@@ -1,8 +1,8 @@
 //! Selects the light in which each frame is composed and schedules light estimates.
 //!
 //! Without a journal each frame of a recording waits for the light of its instant, between the
-//! environment pictures before and after it. In a live rig only the first frame waits: light is
-//! estimated on a low-priority thread, one frame at a time, and the light of the frames goes to
+//! environment pictures before and after it. In a live rig, and where a recording is watched at its
+//! own rate, only the first frame waits: light is estimated on a low-priority thread, one frame at a time, and the light of the frames goes to
 //! the newest estimate that is finished when their pictures have been decoded. The
 //! estimate depends on earlier frames, so the journal records which frames it used and when each
 //! result became active. A replay repeats this: it estimates light from the same frames in the
