@@ -3,7 +3,7 @@
 use crate::cli::progress::Progress;
 use clap::Args;
 use penumbra_session::import;
-use penumbra_session::import::ImportSummary;
+use penumbra_session::import::{ImportSummary, Lens};
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -32,7 +32,25 @@ pub fn run(args: ImportArgs) -> anyhow::Result<ExitCode> {
     let summary = import::import(&args, &mut |share| progress.set(share))?;
     progress.finish();
     super::say(format_args!("{}: {}", output.display(), describe(&summary)));
+    if let Some(note) = summary.lens.and_then(note_on_lens) {
+        super::say(note);
+    }
     Ok(ExitCode::SUCCESS)
+}
+
+/// What a user must know about the lens of a TUM RGB-D folder.
+fn note_on_lens(lens: Lens) -> Option<String> {
+    match lens {
+        Lens::Stated => None,
+        Lens::Published { sequence } => Some(format!(
+            "lens: the benchmark's values ({sequence}); a rig.json in the folder replaces them"
+        )),
+        Lens::Unknown => Some(
+            "lens: unknown, as the pictures are no PNGs of 640x480 pixels; it cannot be replayed \
+             without a rig.json in the folder (scene_camera with image_size and K)"
+                .to_owned(),
+        ),
+    }
 }
 
 fn describe(summary: &ImportSummary) -> String {

@@ -9,9 +9,10 @@ use super::range::{Result, millis, power_of_two, set, within};
 use super::registration::registration;
 use super::renamed::renamed;
 use super::{
-    Config, EnvironmentConfig, OutputConfig, ShadowConfig, StatusConfig, SyncConfig,
-    WhiteBalanceConfig, WhiteBalanceMethod,
+    Config, EnvironmentConfig, EnvironmentMapConfig, OutputConfig, ShadowConfig, StatusConfig,
+    SyncConfig, WhiteBalanceConfig, WhiteBalanceMethod,
 };
+use penumbra_rig_model::EnvironmentSource;
 use penumbra_scene::SceneChoice;
 use penumbra_strict_toml::TomlError;
 use penumbra_strict_toml::{Fault, TomlText};
@@ -42,7 +43,7 @@ fn convert(file: ConfigFile, folder: &Path) -> Result<Config> {
     config.tracker = devices::tracker(file.tracker, folder)?;
     config.calibration = file.calibration.from.map(|path| folder.join(path));
     devices::recording(file.recording, folder, &mut config.recording)?;
-    environment(file.environment, &mut config.environment)?;
+    environment(file.environment, folder, &mut config.environment)?;
     config.environment.room_lights = room_lights(&file.room_light)?;
     registration(&file.registration, &mut config.registration)?;
     white_balance(&file.white_balance, &mut config.white_balance)?;
@@ -94,8 +95,9 @@ fn scene(file: &file::Scene, folder: &Path) -> Result<SceneChoice> {
     Ok(SceneChoice::File(path))
 }
 
-fn environment(file: file::Environment, out: &mut EnvironmentConfig) -> Result<()> {
+fn environment(file: file::Environment, folder: &Path, out: &mut EnvironmentConfig) -> Result<()> {
     set(&mut out.source, file.source);
+    out.map = environment_map(&file, folder)?;
     out.response = file.response;
     if let Some(list) = file.brackets_ev {
         if list.len() > 16 || list.iter().any(|ev| !(-30.0..=30.0).contains(ev)) {
@@ -131,6 +133,26 @@ fn environment(file: file::Environment, out: &mut EnvironmentConfig) -> Result<(
     set(&mut out.stale_after_nanos, stale);
     set(&mut out.light_places, file.light_places);
     Ok(())
+}
+
+fn environment_map(
+    file: &file::Environment,
+    folder: &Path,
+) -> Result<Option<EnvironmentMapConfig>> {
+    let yaw = within("environment.map_yaw_deg", file.map_yaw_deg, -360.0..=360.0)?;
+    let stops = within("environment.map_ev", file.map_ev, -30.0..=30.0)?;
+    let map = file.map.as_ref().map(|path| EnvironmentMapConfig {
+        path: folder.join(path),
+        yaw: yaw.unwrap_or(0.0).to_radians() as f32,
+        factor: stops.unwrap_or(0.0).exp2() as f32,
+    });
+    if map.is_none() && file.source == Some(EnvironmentSource::Map) {
+        return Err(Fault::new(
+            "environment.source",
+            "\"map\" needs `map`; add the path of an environment map (.hdr, .exr)",
+        ));
+    }
+    Ok(map)
 }
 
 /// Maximum number of stated lamps.

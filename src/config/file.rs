@@ -92,6 +92,9 @@ impl SceneCamera {
 #[serde(deny_unknown_fields, default)]
 pub(super) struct Environment {
     pub source: Option<EnvironmentSource>,
+    pub map: Option<String>,
+    pub map_yaw_deg: Option<f64>,
+    pub map_ev: Option<f64>,
     pub response: Option<ToneCurve>,
     pub brackets_ev: Option<Vec<f64>>,
     pub cube_size: Option<u32>,

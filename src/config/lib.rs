@@ -129,8 +129,21 @@ pub struct EnvironmentConfig {
     pub stale_after_nanos: i64,
     /// Whether the places of lamps are estimated.
     pub light_places: LightPlaces,
+    /// `map`, with [`EnvironmentSource::Map`].
+    pub map: Option<EnvironmentMapConfig>,
     /// `[[room_light]]`: places of lamps as stated, world, metres.
     pub room_lights: Vec<[f64; 3]>,
+}
+
+/// An environment map that states the light.
+#[derive(Clone, Debug, PartialEq)]
+pub struct EnvironmentMapConfig {
+    /// An equirectangular picture, Radiance HDR or OpenEXR.
+    pub path: PathBuf,
+    /// Rotation about the world's +Z, counterclockwise from above, radians.
+    pub yaw: f32,
+    /// Factor on its radiance: 1 in the result is the scene camera's white.
+    pub factor: f32,
 }
 
 /// `[white_balance]`
@@ -322,6 +335,7 @@ impl Default for EnvironmentConfig {
             irradiance: IrradianceMethod::Harmonics,
             unseen: Unseen::SceneCamera,
             stale_after_nanos: 500_000_000,
+            map: None,
             light_places: LightPlaces::Estimate,
             room_lights: Vec::new(),
         }

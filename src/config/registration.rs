@@ -1,6 +1,8 @@
 //! `[registration]`: source of the scene camera's pose, lens distortion and prediction.
 
 use super::range::{Result, set};
+use glam::{DMat3, DQuat, DVec3};
+use penumbra_interface::RigidTransform;
 use penumbra_strict_toml::Fault;
 use serde::Deserialize;
 
@@ -27,6 +29,8 @@ pub enum PoseSource {
     Markers,
     /// `"hybrid"`: the tracker, whose drift and distortion the markers correct.
     Hybrid,
+    /// `"fixed"`: a camera that stands still, at the pose of the configuration.
+    Fixed,
 }
 
 /// Lens distortion of the output.
@@ -57,6 +61,8 @@ pub enum Predict {
 pub struct RegistrationConfig {
     /// Source of the scene camera's pose.
     pub pose: PoseSource,
+    /// `world_from_scene_camera` for [`PoseSource::Fixed`].
+    pub fixed: Option<RigidTransform>,
     /// Lens distortion of the output.
     pub distortion: Distortion,
     /// Time between two rows of the scene camera's picture, seconds; 0 for a global shutter.
@@ -71,6 +77,7 @@ impl Default for RegistrationConfig {
     fn default() -> Self {
         Self {
             pose: PoseSource::default(),
+            fixed: None,
             distortion: Distortion::default(),
             row_seconds: 0.0,
             predict: Predict::default(),
@@ -83,10 +90,86 @@ impl Default for RegistrationConfig {
 #[serde(deny_unknown_fields, default)]
 pub(super) struct RegistrationFile {
     pub pose: Option<PoseSource>,
+    pub fixed_position_m: Option<[f64; 3]>,
+    pub fixed_look_at_m: Option<[f64; 3]>,
+    pub fixed_rotation_wxyz: Option<[f64; 4]>,
     pub distortion: Option<Distortion>,
     pub row_time_micros: Option<f64>,
     pub predict: Option<Predict>,
     pub display_delay_ms: Option<f64>,
+}
+
+/// Maximum distance of the camera from the world's origin along an axis, metres.
+const FARTHEST: f64 = 1000.0;
+
+/// Returns the camera's pose as stated, `world_from_scene_camera`.
+fn fixed_pose(file: &RegistrationFile) -> Result<Option<RigidTransform>> {
+    let point = |key: &str, stated: Option<[f64; 3]>| {
+        let far = |p: &[f64; 3]| !p.iter().all(|x| x.abs() <= FARTHEST);
+        match stated {
+            Some(p) if far(&p) => Err(Fault::new(
+                format!("registration.{key}"),
+                format!("expected metres from -{FARTHEST} to {FARTHEST}, found {p:?}"),
+            )),
+            stated => Ok(stated.map(DVec3::from)),
+        }
+    };
+    let position = point("fixed_position_m", file.fixed_position_m)?;
+    let target = point("fixed_look_at_m", file.fixed_look_at_m)?;
+    let turned = file.fixed_rotation_wxyz.map(rotation).transpose()?;
+    let rotation = match (position, target, turned) {
+        (None, None, None) => return Ok(None),
+        (Some(position), Some(target), None) => looking_at(target - position)?,
+        (Some(_), None, Some(rotation)) => rotation,
+        (Some(_), Some(_), Some(_)) => {
+            return Err(Fault::new(
+                "registration.fixed_rotation_wxyz",
+                "stands beside `fixed_look_at_m`; leave one of them out",
+            ));
+        }
+        (Some(_), None, None) => {
+            return Err(Fault::new(
+                "registration.fixed_position_m",
+                "needs a direction; add `fixed_look_at_m` or `fixed_rotation_wxyz`",
+            ));
+        }
+        (None, ..) => {
+            return Err(Fault::new(
+                "registration",
+                "the direction of a fixed camera needs its place; add `fixed_position_m`",
+            ));
+        }
+    };
+    Ok(position.map(|position| RigidTransform::new(rotation, position)))
+}
+
+fn rotation([w, x, y, z]: [f64; 4]) -> Result<DQuat> {
+    let rotation = DQuat::from_xyzw(x, y, z, w);
+    if (rotation.length() - 1.0).abs() < 0.01 {
+        return Ok(rotation.normalize());
+    }
+    Err(Fault::new(
+        "registration.fixed_rotation_wxyz",
+        format!(
+            "expected a unit quaternion w, x, y, z, found one of length {}",
+            rotation.length()
+        ),
+    ))
+}
+
+/// Returns the orientation of an upright camera (+X right, +Y down, +Z forward) in the world.
+fn looking_at(forward: DVec3) -> Result<DQuat> {
+    let right = forward.normalize_or_zero().cross(DVec3::Z);
+    if right.length() < 1e-4 {
+        return Err(Fault::new(
+            "registration.fixed_look_at_m",
+            "is straight above or below the camera, or at its place, so that it has no upright; \
+             use `fixed_rotation_wxyz`",
+        ));
+    }
+    let (forward, right) = (forward.normalize(), right.normalize());
+    let columns = DMat3::from_cols(right, forward.cross(right), forward);
+    Ok(DQuat::from_mat3(&columns).normalize())
 }
 
 /// Maximum time between rows, seconds: one second for a thousand rows.
@@ -96,6 +179,13 @@ const LONGEST_DELAY_MS: f64 = 200.0;
 
 pub(super) fn registration(file: &RegistrationFile, out: &mut RegistrationConfig) -> Result<()> {
     set(&mut out.pose, file.pose);
+    out.fixed = fixed_pose(file)?;
+    if out.pose == PoseSource::Fixed && out.fixed.is_none() {
+        return Err(Fault::new(
+            "registration.pose",
+            "\"fixed\" needs the camera's pose; add `fixed_position_m` and `fixed_look_at_m`",
+        ));
+    }
     set(&mut out.distortion, file.distortion);
     set(&mut out.predict, file.predict);
     if let Some(ms) = file.display_delay_ms {
@@ -119,4 +209,37 @@ pub(super) fn registration(file: &RegistrationFile, out: &mut RegistrationConfig
         out.row_seconds = micros * 1e-6;
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn read(position: [f64; 3], target: [f64; 3]) -> RigidTransform {
+        let file = RegistrationFile {
+            pose: Some(PoseSource::Fixed),
+            fixed_position_m: Some(position),
+            fixed_look_at_m: Some(target),
+            ..RegistrationFile::default()
+        };
+        let mut out = RegistrationConfig::default();
+        registration(&file, &mut out).unwrap();
+        out.fixed.unwrap()
+    }
+
+    #[test]
+    fn camera_looks_at_the_target_upright() {
+        let pose = read([0.0, -2.0, 1.0], [0.0, 0.0, 1.0]);
+        let axis = |v: DVec3| pose.rotation * v;
+        assert!((axis(DVec3::Z) - DVec3::Y).length() < 1e-12, "forward");
+        assert!((axis(DVec3::X) - DVec3::X).length() < 1e-12, "right");
+        assert!((axis(DVec3::Y) + DVec3::Z).length() < 1e-12, "down");
+        let down = read([1.0, 2.0, 3.0], [-0.5, 0.3, 0.1]);
+        let seen = down.inverse().transform_point(DVec3::new(-0.5, 0.3, 0.1));
+        assert!(seen.truncate().length() < 1e-12 && seen.z > 3.0);
+        assert!(
+            (down.rotation * DVec3::X).z.abs() < 1e-12,
+            "the horizon is level"
+        );
+    }
 }

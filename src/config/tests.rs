@@ -94,6 +94,8 @@ fn rig_toml_names_every_key() {
         for key in known.split(", ") {
             assert!(
                 uncommented.contains(&format!("\n{key} = "))
+                    // In place of another key, in the prose.
+                    || uncommented.contains(&format!(": {key} = "))
                     || uncommented.contains(&format!("\n[{section}.{key}]")),
                 "{section}.{key} is not in rig.toml"
             );
@@ -317,7 +319,7 @@ fn explains_wrong_settings() {
         ),
         (
             "[environment]\nsource = \"moon\"\n",
-            "c.toml:2: `environment.source`: expected one of `auto`, `camera`, `sphere-in-scene`, found unknown variant `moon`",
+            "c.toml:2: `environment.source`: expected one of `auto`, `camera`, `sphere-in-scene`, `map`, found unknown variant `moon`",
         ),
         (
             "[status]\nlisten = \"8780\"\n",

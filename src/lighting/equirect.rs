@@ -48,6 +48,24 @@ impl Equirect {
         Self::from_fn(height, |d| cube::sample(map, 0, d))
     }
 
+    /// Returns the radiance in a direction, bilinear between the pixels around it.
+    #[must_use]
+    pub fn sample(&self, direction: Vec3) -> Vec3 {
+        let (u, v) = pixel(self.width, self.height, direction);
+        let (x, y) = (u.floor(), v.floor());
+        let (fx, fy) = (u - x, v - y);
+        let at = |dx: i64, dy: i64| {
+            let column = (x as i64 + dx).rem_euclid(i64::from(self.width).max(1));
+            let row = (y as i64 + dy).clamp(0, i64::from(self.height) - 1);
+            let i = usize::try_from(row * i64::from(self.width) + column);
+            let texel = i.ok().and_then(|i| self.texels.get(i));
+            texel.copied().unwrap_or(Vec3::ZERO)
+        };
+        let upper = at(0, 0).lerp(at(1, 0), fx);
+        let lower = at(0, 1).lerp(at(1, 1), fx);
+        upper.lerp(lower, fy)
+    }
+
     /// Tone-maps the map with an exposure for which nine tenths of the sphere are below white.
     #[must_use]
     pub fn to_picture(&self) -> Picture {

@@ -4,6 +4,7 @@ use super::adaptive::{AdaptiveDome, CompactSource};
 use super::clipped::{boost, raise};
 use super::cube::{CubeGrid, halve, texel_of};
 use super::dome::{DomeGrid, ground_irradiance};
+use super::equirect::Equirect;
 use super::harmonics::{HarmonicsTable, blurred, pin_upward};
 use super::hdr::{Bracket, BracketMerger, scales};
 use super::light::{DomeLight, Harmonics, Lighting};
@@ -50,12 +51,15 @@ enum View {
     Fixed(Box<FixedView>),
     /// The sphere in the scene camera's picture, with what was seen of each direction.
     Moving(Box<RadianceAccumulator>),
+    /// Radiance of the cube's texels, stated instead of measured.
+    Stated(Vec<Vec3>),
 }
 
 /// Turns environment pictures into [`Lighting`]. Deterministic; keeps the state that makes its
 /// results coherent in time.
 pub struct EnvironmentEstimator {
-    view: EnvironmentView,
+    /// `None` for a stated map.
+    view: Option<EnvironmentView>,
     placed: View,
     merger: BracketMerger,
     per_reflectance: Vec3,
@@ -121,20 +125,45 @@ impl EnvironmentEstimator {
         settings: EnvironmentSettings,
         hidden: Option<&Hidden>,
     ) -> Result<Self, EnvironmentError> {
-        let size = settings.cube_size;
-        if !size.is_power_of_two() || !(16..=512).contains(&size) {
-            return Err(EnvironmentError::CubeSize(size));
-        }
-        let grid = CubeGrid::new(size);
-        let (fine, placed) = (
-            CubeGrid::new(FINE_SIZE),
-            place_view(view, &settings, hidden, &grid)?,
-        );
-        let mut estimator = Self {
-            view: view.clone(),
+        let grid = checked_grid(&settings)?;
+        let placed = place_view(view, &settings, hidden, &grid)?;
+        let mut estimator = Self::with_view(placed, response, settings, grid);
+        estimator.view = Some(view.clone());
+        estimator.per_reflectance = per_reflectance(view);
+        estimator.rebuild_faces(glam::Quat::IDENTITY);
+        Ok(estimator)
+    }
+
+    /// Builds the tables for light that is stated by an environment map and does not change.
+    /// Updates need no picture. `yaw` turns the map about +Z, radians; `factor` multiplies it.
+    ///
+    /// # Errors
+    /// The cube size is not a power of two from 16 to 512.
+    pub fn from_map(
+        map: &Equirect,
+        (yaw, factor): (f32, f32),
+        settings: EnvironmentSettings,
+    ) -> Result<Self, EnvironmentError> {
+        let grid = checked_grid(&settings)?;
+        let stated = View::Stated(map.to_cube(grid.size, yaw, factor));
+        let mut estimator = Self::with_view(stated, &Response::linear(), settings, grid);
+        estimator.coverage.fill(1.0);
+        estimator.rebuild_faces(glam::Quat::IDENTITY);
+        Ok(estimator)
+    }
+
+    fn with_view(
+        placed: View,
+        response: &Response,
+        settings: EnvironmentSettings,
+        grid: CubeGrid,
+    ) -> Self {
+        let (size, fine) = (grid.size, CubeGrid::new(FINE_SIZE));
+        Self {
+            view: None,
             placed,
             merger: BracketMerger::new(response),
-            per_reflectance: per_reflectance(view),
+            per_reflectance: Vec3::ONE,
             harmonics: HarmonicsTable::new(&grid.directions, &grid.solid_angles),
             prefilter: Prefilter::new(size).with_phong(settings.phong),
             finder: SourceFinder::default(),
@@ -157,9 +186,7 @@ impl EnvironmentEstimator {
             settings,
             faces: None,
             stages: Stages::default(),
-        };
-        estimator.rebuild_faces(glam::Quat::IDENTITY);
-        Ok(estimator)
+        }
     }
 
     /// Continues the generations of the estimator that it replaces: each names one light.
@@ -201,10 +228,10 @@ impl EnvironmentEstimator {
     }
 
     /// Returns the point from which the environment is seen, world, metres; `None` while a sphere
-    /// in the scene has not been seen.
+    /// in the scene has not been seen, and for a stated map.
     #[must_use]
     pub fn observer(&self) -> Option<DVec3> {
-        match &self.view {
+        match self.view.as_ref()? {
             EnvironmentView::Fisheye {
                 world_from_camera, ..
             } => Some(world_from_camera.translation),
@@ -234,6 +261,7 @@ impl EnvironmentEstimator {
         let (sources, residual, full) = match self.placed {
             View::Fixed(_) => self.observe_fixed(&brackets, input)?,
             View::Moving(_) => self.observe_moving(&brackets, input)?,
+            View::Stated(_) => self.observe_stated(),
         };
         Ok(Arc::new(self.light(&sources, residual, full, input)))
     }
@@ -297,6 +325,25 @@ impl EnvironmentEstimator {
         Ok((sources, residual, full))
     }
 
+    /// The same for a stated map.
+    fn observe_stated(&mut self) -> SeparatedSources {
+        let View::Stated(texels) = &self.placed else {
+            return SeparatedSources::default();
+        };
+        let full = texels.clone();
+        self.measured.clone_from(&full);
+        let samples = SampleGrid {
+            directions: &self.grid.directions,
+            solid_angles: &self.grid.solid_angles,
+            layout: Layout::Cube(&self.neighbours),
+        };
+        let sources = find(&mut self.finder, samples, &full, &self.settings);
+        let mut residual = full.clone();
+        subtract_sources(&sources, &self.grid.solid_angles, &mut residual);
+        self.stages.done("sources");
+        (sources, residual, full)
+    }
+
     fn light(
         &mut self,
         sources: &[Source],
@@ -317,7 +364,7 @@ impl EnvironmentEstimator {
         let fine = shrink(self.grid.size, &residual);
         let directions = match &self.placed {
             View::Fixed(fixed) => &fixed.pixels.directions,
-            View::Moving(_) => &self.grid.directions,
+            View::Moving(_) | View::Stated(_) => &self.grid.directions,
         };
         let views = Viewpoints {
             observer: self.observer().unwrap_or(self.reference),
@@ -429,7 +476,7 @@ impl EnvironmentEstimator {
 
     /// Whether unseen directions below the horizon are assumed to be ground.
     const fn ground_below(&self) -> bool {
-        self.settings.ground || matches!(self.view, EnvironmentView::Fisheye { .. })
+        self.settings.ground || matches!(self.view, Some(EnvironmentView::Fisheye { .. }))
     }
 }
 
@@ -470,6 +517,14 @@ fn pinned(mut lights: Vec<DomeLight>, irradiance: &Harmonics, ground: bool) -> V
         light.irradiance *= scale;
     }
     lights
+}
+
+fn checked_grid(settings: &EnvironmentSettings) -> Result<CubeGrid, EnvironmentError> {
+    let size = settings.cube_size;
+    if !size.is_power_of_two() || !(16..=512).contains(&size) {
+        return Err(EnvironmentError::CubeSize(size));
+    }
+    Ok(CubeGrid::new(size))
 }
 
 fn place_view(

@@ -8,7 +8,7 @@
 //! and gathers the pixels into the cube map; the energy of clipped pixels is estimated;
 //! [`sources`] finds compact sources among the pixels; [`harmonics`] and [`prefilter`] compute
 //! irradiance and the radiance map; [`dome`] (the paper's grid) or [`adaptive`] place dome lights;
-//! [`geodesic`] assigns pixels to the dome faces of shadowing planes. [`EnvironmentEstimator`] runs
+//! [`environment_map`] reads a map that takes the place of pictures; [`geodesic`] assigns pixels to the dome faces of shadowing planes. [`EnvironmentEstimator`] runs
 //! all this for every frame; [`average`] averages its results where the light does not change, and
 //! [`blend`] interpolates between two of them.
 
@@ -23,6 +23,7 @@ mod clipped;
 pub mod compact_source_specular;
 pub mod cube;
 pub mod dome;
+pub mod environment_map;
 pub mod equirect;
 pub mod estimator;
 pub mod geodesic;
@@ -48,6 +49,8 @@ mod tracking;
 pub use blend::Blender;
 pub use brightest::{BrightestFollower, BrightestLight};
 pub use circle::sphere_outline;
+pub use environment_map::{EnvironmentMapError, read_environment_map};
+pub use equirect::Equirect;
 pub use estimator::EnvironmentEstimator;
 pub use hdr::Bracket;
 pub use light::{CubeMap, DomeLight, Filtering, Harmonics, LightKind, Lighting};

@@ -149,6 +149,17 @@ impl LightReport {
         })
     }
 
+    /// Reports the light of a stated map, after the last update, which returned `lighting`.
+    #[must_use]
+    pub fn of_map(estimator: &EnvironmentEstimator, lighting: Arc<Lighting>) -> Self {
+        Self {
+            map: Equirect::from_cube(&lighting.radiance, ROWS),
+            clipped_pixels: 0,
+            dominant_direction: dominant_direction(estimator, &lighting),
+            lighting,
+        }
+    }
+
     /// Writes `environment.exr`, `environment.png`, `lights.png` and `light.json` into a folder,
     /// which is created if necessary.
     ///

@@ -2,7 +2,7 @@
 
 use penumbra_compositor::GpuError;
 use penumbra_config::ConfigError;
-use penumbra_lighting::EnvironmentError;
+use penumbra_lighting::{EnvironmentError, EnvironmentMapError};
 use penumbra_output::OutputError;
 use penumbra_picture::PictureError;
 use penumbra_rig_model::RigFilesError;
@@ -125,6 +125,15 @@ pub enum RigError {
         /// The moving part.
         part: String,
     },
+    /// The light is to come from an environment map, and none is named.
+    #[error(
+        "the light is to come from an environment map, and the configuration names none; set \
+         [environment] map = \"FILE.hdr\""
+    )]
+    NoMap,
+    /// The environment map cannot be used.
+    #[error("environment.map: {0}")]
+    Map(#[from] EnvironmentMapError),
     /// The environment camera's view is invalid.
     #[error(transparent)]
     Environment(#[from] EnvironmentError),

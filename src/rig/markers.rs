@@ -5,20 +5,21 @@ use penumbra_config::{Config, PoseSource};
 use penumbra_fiducials::{TagMap, UnknownFamily};
 use penumbra_rig_model::Marker;
 
-/// Returns the configured pose source; with `auto`, the tracker, the markers or both, as far as the
-/// calibration has them.
+/// Returns the configured pose source; with `auto`, the stated pose, else the tracker, the markers or
+/// both, as far as the calibration has them.
 pub(super) fn pose_source(
     markers: &[Marker],
     has_tracker: bool,
     config: &Config,
 ) -> Result<PoseSource, RigError> {
     let wanted = match config.registration.pose {
+        PoseSource::Auto if config.registration.fixed.is_some() => PoseSource::Fixed,
         PoseSource::Auto if markers.is_empty() => PoseSource::Tracker,
         PoseSource::Auto if has_tracker => PoseSource::Hybrid,
         PoseSource::Auto => PoseSource::Markers,
         wanted => wanted,
     };
-    if markers.is_empty() && wanted != PoseSource::Tracker {
+    if markers.is_empty() && matches!(wanted, PoseSource::Markers | PoseSource::Hybrid) {
         return Err(RigError::NoMarkers {
             wanted: if wanted == PoseSource::Hybrid {
                 "hybrid"
@@ -35,7 +36,7 @@ pub(super) fn tag_map_for(
     markers: &[Marker],
     pose: PoseSource,
 ) -> Result<Option<TagMap>, RigError> {
-    if pose == PoseSource::Tracker {
+    if matches!(pose, PoseSource::Tracker | PoseSource::Fixed) {
         return Ok(None);
     }
     tag_map(markers).map(Some)

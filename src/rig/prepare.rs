@@ -30,7 +30,7 @@ use glam::DVec3;
 use penumbra_camera::{ExposureMotion, RollingShutter};
 use penumbra_capture::Next;
 use penumbra_config::TrackerSource;
-use penumbra_config::{Config, LookConfig, Predict, ReplayPairing, ReplaySpeed};
+use penumbra_config::{Config, LookConfig, PoseSource, Predict, ReplayPairing, ReplaySpeed};
 use penumbra_interface::threads;
 use penumbra_interface::{MonotonicTime, RigidTransform};
 use penumbra_picture::{Picture, YuvEncoding, decode_within};
@@ -492,8 +492,7 @@ impl Worker {
             if fits {
                 self.observe_picture(frame.captured_at, picture, None);
             }
-            let status = RegistrationStatus::by_tracker(tracked.is_some());
-            return (tracked, SphereAt::Calibrated, status);
+            return (tracked, SphereAt::Calibrated, self.untagged(tracked));
         };
         let tracked = tracked.map(|world_from_camera| TrackerPose {
             world_from_camera,
@@ -510,7 +509,19 @@ impl Worker {
             None if result.is_sphere_lost => SphereAt::Lost,
             None => SphereAt::Calibrated,
         };
-        (result.world_from_camera, sphere, result.status)
+        let status = match self.setup.pose {
+            PoseSource::Fixed => self.untagged(tracked.map(|t| t.world_from_camera)),
+            _ => result.status,
+        };
+        (result.world_from_camera, sphere, status)
+    }
+
+    /// Returns the status of a pose in which no markers had a part.
+    fn untagged(&self, pose: Option<RigidTransform>) -> RegistrationStatus {
+        match self.setup.pose {
+            PoseSource::Fixed if pose.is_some() => RegistrationStatus::fixed(),
+            _ => RegistrationStatus::by_tracker(pose.is_some()),
+        }
     }
 
     /// Passes a picture to the latency monitor.

@@ -486,7 +486,10 @@ impl Run {
             self.problems.add(warning, prepared.seconds);
         }
         match &frame.pose {
-            None if prepared.registration.source == RegistrationSource::Markers => (),
+            None if matches!(
+                prepared.registration.source,
+                RegistrationSource::Markers | RegistrationSource::Fixed
+            ) => {}
             None => self.frames.without_pose += 1,
             Some(pose) if pose.provenance == Provenance::Predicted => {
                 self.frames.predicted_pose += 1;

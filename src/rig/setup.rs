@@ -20,6 +20,8 @@ pub struct RigSetup {
     pub scene: Scene,
     /// Source of the scene camera's pose; never [`PoseSource::Auto`].
     pub pose: PoseSource,
+    /// `world_from_scene_camera` for [`PoseSource::Fixed`].
+    pub fixed_pose: Option<RigidTransform>,
     /// Map of the fiducials; `None` if the pose comes from the tracker alone.
     pub tags: Option<TagMap>,
     /// Whether the rig has calibration files.
@@ -60,13 +62,14 @@ impl RigSetup {
         let has_tracker = calibration.tracker.is_some();
         let pose = pose_source(&document.markers, has_tracker, config)?;
         let tags = tag_map_for(&document.markers, pose)?;
-        if pose == PoseSource::Markers {
+        if matches!(pose, PoseSource::Markers | PoseSource::Fixed) {
             // Pairing must not wait for a tracker that is not used.
             calibration.tracker = None;
         }
         Ok(Self {
             calibration,
             pose,
+            fixed_pose: config.registration.fixed,
             tags,
             calibrated: ["rig.json", SCENE_LENS]
                 .iter()
@@ -75,12 +78,14 @@ impl RigSetup {
         })
     }
 
-    /// Returns the scene camera's pose of a paired frame by the tracker; `None` if the frame has no
-    /// tracker pose or the tracker is not used.
+    /// Returns the scene camera's pose of a paired frame by the tracker, or as stated; `None` if the
+    /// frame has no tracker pose or the tracker is not used.
     #[must_use]
     pub fn world_from_camera(&self, frame: &RigFrame) -> Option<RigidTransform> {
-        if self.pose == PoseSource::Markers {
-            return None;
+        match self.pose {
+            PoseSource::Markers => return None,
+            PoseSource::Fixed => return self.fixed_pose,
+            PoseSource::Auto | PoseSource::Tracker | PoseSource::Hybrid => (),
         }
         Some(self.world_from_scene_camera(frame.pose.as_ref()?.transmitter_from_sensor))
     }

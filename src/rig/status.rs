@@ -3,7 +3,7 @@
 use crate::damage::LostCounts;
 use crate::frame::{Counts, PreparedFrame};
 use crate::latency_status;
-use crate::light::state::LightState;
+use crate::light::state::{LightState, STATED_AT};
 use crate::live_status;
 use crate::probe_status;
 use crate::rates::Rates;
@@ -236,12 +236,10 @@ fn lighting(s: &mut Snapshot, p: &Published<'_>) {
     s.lighting.lamps = sources.iter().map(lamp).collect();
     s.lighting.clipped_fraction = Some(f64::from(clipped.max(0.0)));
     let Some(lighting) = lighting else { return };
-    let age = p
-        .prepared
-        .frame
-        .captured_at
-        .seconds_since(lighting.captured_at);
-    s.lighting.age_ms = Some(age * 1e3);
+    let is_stated = lighting.captured_at == STATED_AT;
+    let captured_at = p.prepared.frame.captured_at;
+    let age = captured_at.seconds_since(lighting.captured_at);
+    s.lighting.age_ms = (!is_stated).then_some(age * 1e3);
     let stale = age * 1e9 > p.stale_after_nanos as f64;
     s.lighting.probe = map.map(|map| probe_status::probe(&map, p.prepared.frame.captured_at));
     s.lighting.stale = match &s.lighting.probe {

@@ -59,6 +59,8 @@ pub enum RegistrationSource {
     Markers,
     /// The tracker, corrected by markers in this picture or earlier ones.
     Hybrid,
+    /// The configuration: the camera stands still.
+    Fixed,
     /// None: the pose is unknown.
     #[default]
     None,
@@ -72,6 +74,7 @@ impl RegistrationSource {
             Self::Tracker => "tracker",
             Self::Markers => "markers",
             Self::Hybrid => "hybrid",
+            Self::Fixed => "fixed",
             Self::None => "none",
         }
     }
@@ -87,6 +90,15 @@ impl RegistrationStatus {
             } else {
                 RegistrationSource::None
             },
+            ..Self::default()
+        }
+    }
+
+    /// Creates the status of a pose that the configuration states.
+    #[must_use]
+    pub fn fixed() -> Self {
+        Self {
+            source: RegistrationSource::Fixed,
             ..Self::default()
         }
     }

@@ -51,7 +51,7 @@ impl FaceTable {
         let unseen = |(i, w): (usize, &f32)| match view {
             View::Fixed(_) => w * (1.0 - coverage.get(i).unwrap_or(&0.0)).clamp(0.0, 1.0),
             // The seen part changes; the cube holds all of it.
-            View::Moving(_) => *w,
+            View::Moving(_) | View::Stated(_) => *w,
         };
         sizes.extend(grid.solid_angles.iter().enumerate().map(unseen));
         let mut membership = Membership::rotated(&dome, world_from_dome, &directions, &sizes);
@@ -153,7 +153,7 @@ impl EnvironmentEstimator {
     pub(super) fn rebuild_faces(&mut self, world_from_dome: Quat) {
         let coverage = match &self.placed {
             View::Fixed(fixed) => &fixed.table.coverage,
-            View::Moving(_) => &self.coverage,
+            View::Moving(_) | View::Stated(_) => &self.coverage,
         };
         self.faces = self.settings.faces.and_then(|frequency| {
             FaceTable::new(
@@ -183,10 +183,10 @@ impl EnvironmentEstimator {
                     .to_array()
             };
             out.extend(pixels.iter().map(pixel));
-            let moving = matches!(self.placed, View::Moving(_));
+            let by_texel = !matches!(self.placed, View::Fixed(_));
             let texel = |&i: &u32| {
                 let i = i as usize;
-                if moving {
+                if by_texel {
                     return filling.full[i].to_array();
                 }
                 self.unseen(i, filling.around, filling.ground_radiance)
@@ -209,16 +209,16 @@ impl EnvironmentEstimator {
         let Dome::Adaptive(dome) = &self.dome else {
             return Vec::new();
         };
-        let moving = matches!(self.placed, View::Moving(_));
+        let by_texel = !matches!(self.placed, View::Fixed(_));
         let solid_angles = match &self.placed {
             View::Fixed(fixed) => &fixed.pixels.solid_angles,
-            View::Moving(_) => &self.grid.solid_angles,
+            View::Moving(_) | View::Stated(_) => &self.grid.solid_angles,
         };
         // The radiance of a pixel that is summed, and its part above the source's background.
         let share = |(i, flux): &(u32, Vec3)| {
             let (face, weight) = table.faces.of(&table.membership, *i)?;
             let at = *i as usize;
-            let own = if moving {
+            let own = if by_texel {
                 filling.full[at]
             } else {
                 (gains * self.radiance[at]).max(Vec3::ZERO)

@@ -56,10 +56,10 @@ impl EnvironmentEstimator {
     fn place_sphere(&self, brackets: &[Bracket], input: &EnvironmentInput) -> Option<PlacedSphere> {
         let scene = input.scene?;
         let parallax = self.settings.parallax;
-        let (Some(ball), EnvironmentView::SphereInScene { sphere }) =
-            (input.sphere_position, &self.view)
+        let view = self.view.as_ref()?;
+        let (Some(ball), EnvironmentView::SphereInScene { sphere }) = (input.sphere_position, view)
         else {
-            let view = PlacedView::new(&self.view, Some(scene), parallax)?;
+            let view = PlacedView::new(view, Some(scene), parallax)?;
             return Some(PlacedSphere {
                 view,
                 rim_shift: None,

@@ -101,7 +101,7 @@ impl EnvironmentEstimator {
                 let size = |i: &u32| fixed.pixels.solid_angles.get(*i as usize);
                 self.clipped.iter().filter_map(size).sum::<f32>() / (4.0 * std::f32::consts::PI)
             }
-            View::Moving(_) => 0.0,
+            View::Moving(_) | View::Stated(_) => 0.0,
         }
     }
 
@@ -110,7 +110,7 @@ impl EnvironmentEstimator {
     #[must_use]
     pub fn oldest_seconds(&self, now: MonotonicTime) -> Option<f64> {
         match &self.placed {
-            View::Fixed(_) => None,
+            View::Fixed(_) | View::Stated(_) => None,
             View::Moving(memory) => memory.oldest_seconds(now),
         }
     }
@@ -145,7 +145,7 @@ impl EnvironmentEstimator {
     /// Returns what a sphere in the scene camera's picture has shown; `None` for other views.
     const fn accumulated(&self) -> Option<(&RadianceAccumulator, &CubeGrid, &LastSphere)> {
         match &self.placed {
-            View::Fixed(_) => None,
+            View::Fixed(_) | View::Stated(_) => None,
             View::Moving(memory) => Some((memory, &self.grid, &self.last_sphere)),
         }
     }

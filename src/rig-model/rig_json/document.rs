@@ -93,6 +93,8 @@ pub enum EnvironmentSource {
     Camera,
     /// The mirrored sphere in the scene camera's picture.
     SphereInScene,
+    /// The environment map that the configuration names: light that is stated, not measured.
+    Map,
 }
 
 impl RigDocument {
@@ -155,6 +157,10 @@ impl RigDocument {
             EnvironmentSource::Auto if has_camera && camera_recorded => Ok(()),
             EnvironmentSource::Auto => {
                 self.calibration.environment = self.sphere_in_scene();
+                Ok(())
+            }
+            EnvironmentSource::Map => {
+                self.calibration.environment = None;
                 Ok(())
             }
             EnvironmentSource::SphereInScene => {

@@ -5,7 +5,7 @@ use crate::error::RigError;
 use crate::light::indirect::IndirectLightUpdater;
 use crate::light::places::LampPlaces;
 use crate::light::scene_tables::{RealLight, SceneLight, hides, middle_of_objects};
-use crate::light::state::LightState;
+use crate::light::state::{LightState, STATED_AT};
 use crate::light::surfaces::{GroundRadiance, PhantomSurfaces};
 use crate::light::view::{SceneView, SphereAt};
 use crate::registration::DEFAULT_SPHERE_SIGMA;
@@ -22,7 +22,7 @@ use penumbra_lighting::{
 };
 use penumbra_picture::{Picture, PictureError, YuvEncoding, decode_within};
 use penumbra_rig_model::Attachments;
-use penumbra_rig_model::RigCalibration;
+use penumbra_rig_model::{EnvironmentSource, RigCalibration};
 use penumbra_scene::{Hit, RayCaster, casters};
 use penumbra_sync::EnvironmentSet;
 use penumbra_white_balance::chart::{ChartError, ChartMatch, Photograph, match_chart};
@@ -61,6 +61,10 @@ pub struct LightEstimator {
     /// Time of the next picture, seconds since the session began.
     seconds: f64,
     since_overlap: u32,
+    /// The light comes from an environment map.
+    is_stated: bool,
+    /// Light from a map must be computed for the next picture: settings or the scene have changed.
+    is_due: bool,
 }
 
 impl LightEstimator {
@@ -104,6 +108,8 @@ impl LightEstimator {
             indirect: IndirectLightUpdater::new(&setup.scene, &casters(&setup.scene)),
             seconds: 0.0,
             since_overlap: 0,
+            is_stated: config.environment.source == EnvironmentSource::Map,
+            is_due: true,
         })
     }
 
@@ -119,7 +125,9 @@ impl LightEstimator {
     ) -> Result<Option<Arc<Lighting>>, RigError> {
         self.ground.look(scene);
         self.phantoms.look(scene);
-        if is_in_scene(&self.rig) {
+        if self.is_stated {
+            self.estimate_from_map()?;
+        } else if is_in_scene(&self.rig) {
             self.estimate_from_sphere(scene)?;
         } else if let Some(set) = set
             && self.generation != Some(set.generation)
@@ -177,6 +185,20 @@ impl LightEstimator {
             lighting = estimator.update(&input)?;
         }
         self.lighting = Some(lighting);
+        Ok(())
+    }
+
+    /// Computes the light of the environment map, where it may have changed. It holds for ever.
+    fn estimate_from_map(&mut self) -> Result<(), RigError> {
+        let Some(estimator) = self.estimator.as_mut().filter(|_| self.is_due) else {
+            return Ok(());
+        };
+        let input = EnvironmentInput {
+            ground_radiance: self.ground.radiance(),
+            ..EnvironmentInput::new(&[], STATED_AT)
+        };
+        self.lighting = Some(estimator.update(&input)?);
+        self.is_due = false;
         Ok(())
     }
 
@@ -287,6 +309,11 @@ impl LightEstimator {
         }
     }
 
+    /// Forgets that stated light has been computed: its first picture comes again.
+    pub(crate) const fn restart(&mut self) {
+        self.is_due = true;
+    }
+
     /// Replaces the scene.
     pub(crate) fn set_scene(&mut self, scene: SceneLight) {
         let SceneLight {
@@ -323,6 +350,7 @@ impl LightEstimator {
 
     /// Changes placement and number of the dome lights.
     pub fn set_lights(&mut self, placement: LightPlacement, count: usize) {
+        self.is_due = true;
         if let Some(estimator) = &mut self.estimator {
             estimator.set_lights(placement, count);
         }
@@ -330,6 +358,7 @@ impl LightEstimator {
 
     /// Changes whether the scene has materials of Phong's model.
     pub fn set_phong(&mut self, wanted: bool) {
+        self.is_due = true;
         if let Some(estimator) = &mut self.estimator {
             estimator.set_phong(wanted);
         }
@@ -337,6 +366,7 @@ impl LightEstimator {
 
     /// Changes how reflections are filtered.
     pub const fn set_reflections(&mut self, filtering: Filtering) {
+        self.is_due = true;
         if let Some(estimator) = &mut self.estimator {
             estimator.set_filtering(filtering);
         }
@@ -345,6 +375,7 @@ impl LightEstimator {
     /// Changes whether the faces of a geodesic dome are lit for shadowing planes, and its
     /// frequency.
     pub fn set_faces(&mut self, frequency: Option<u32>) {
+        self.is_due = true;
         if let Some(estimator) = &mut self.estimator {
             estimator.set_faces(frequency);
         }
@@ -352,6 +383,7 @@ impl LightEstimator {
 
     /// Rotates that dome with the model whose planes it lights.
     pub fn rotate_faces(&mut self, world_from_dome: Quat) {
+        self.is_due = true;
         if let Some(estimator) = &mut self.estimator {
             estimator.rotate_faces(world_from_dome);
         }

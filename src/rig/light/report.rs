@@ -64,8 +64,12 @@ fn report(
 ) -> Result<Option<LightReport>, RigError> {
     let gains = gains(&light.match_status());
     let rig = &setup.calibration;
-    let (Some(environment), Some(estimator)) = (&rig.environment, light.estimator()) else {
+    let Some(estimator) = light.estimator() else {
         return Ok(None);
+    };
+    let Some(environment) = &rig.environment else {
+        // The light is stated by a map.
+        return Ok(Some(LightReport::of_map(estimator, lighting)));
     };
     let scene = pose.map(|pose| (pose, &rig.scene_camera.camera));
     let report = LightReport::from_estimator(estimator, lighting, &environment.view, scene, gains)?;

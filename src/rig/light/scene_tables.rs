@@ -7,8 +7,10 @@ use crate::light::surfaces::{GroundRadiance, PhantomSurfaces};
 use glam::DVec3;
 use penumbra_camera::EnvironmentView;
 use penumbra_config::{Clipped, Config};
-use penumbra_lighting::{ClippedEnergy, EnvironmentEstimator, EnvironmentSettings};
-use penumbra_rig_model::RigCalibration;
+use penumbra_lighting::{
+    ClippedEnergy, EnvironmentEstimator, EnvironmentSettings, read_environment_map,
+};
+use penumbra_rig_model::{EnvironmentSource, RigCalibration};
 use penumbra_scene::raycast::GROUND;
 use penumbra_scene::{Part, RayCaster, Scene};
 use std::sync::Arc;
@@ -134,9 +136,6 @@ fn estimator(
     rays: &Arc<RayCaster>,
     scene: &Scene,
 ) -> Result<Option<EnvironmentEstimator>, RigError> {
-    let Some(environment) = &rig.environment else {
-        return Ok(None);
-    };
     let settings = EnvironmentSettings {
         cube_size: config.environment.cube_size,
         placement: config.environment.light_placement,
@@ -151,6 +150,12 @@ fn estimator(
         filtering: config.shading.reflections,
         phong: scene.has_phong(),
         ..EnvironmentSettings::default()
+    };
+    if config.environment.source == EnvironmentSource::Map {
+        return stated(config, settings);
+    }
+    let Some(environment) = &rig.environment else {
+        return Ok(None);
     };
     let hidden = |o: DVec3, d: DVec3| hides(rays, o, d);
     let hidden: Option<&penumbra_lighting::resample::Hidden<'_>> = match environment.view {
@@ -172,5 +177,17 @@ fn estimator(
         };
         estimator.set_vignetting(vignetting, size);
     }
+    Ok(Some(estimator))
+}
+
+/// Returns the estimator of the light that the configuration states.
+fn stated(
+    config: &Config,
+    settings: EnvironmentSettings,
+) -> Result<Option<EnvironmentEstimator>, RigError> {
+    let map = config.environment.map.as_ref().ok_or(RigError::NoMap)?;
+    let picture = read_environment_map(&map.path)?;
+    let placed = (map.yaw, map.factor);
+    let estimator = EnvironmentEstimator::from_map(&picture, placed, settings)?;
     Ok(Some(estimator))
 }

@@ -116,7 +116,8 @@ impl LightScheduler {
 
     /// Forgets the lights of a recording that starts again.
     pub fn restart(&mut self) {
-        if let Mode::PerFrame(_) = self.mode {
+        if let Mode::PerFrame(updater) = &mut self.mode {
+            updater.restart();
             self.active.lights = ActiveLight::exact().lights;
         }
     }

@@ -62,6 +62,9 @@ pub(crate) struct LightResult {
     pub preview: Option<Arc<Picture>>,
 }
 
+/// The instant of light that is stated, not measured: no later picture changes it.
+pub(crate) const STATED_AT: MonotonicTime = MonotonicTime::from_nanos(i64::MAX);
+
 /// Light and its provenance. Shared, because it changes less often than frames.
 #[derive(Clone, Default)]
 pub struct LightState {

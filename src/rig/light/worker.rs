@@ -87,6 +87,11 @@ impl LightUpdater {
         }
     }
 
+    /// Starts a recording again.
+    pub const fn restart(&mut self) {
+        self.estimator.restart();
+    }
+
     fn apply_settings(&mut self) {
         if !self.requested.has_changed().unwrap_or(false) {
             return;

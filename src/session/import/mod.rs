@@ -3,7 +3,7 @@
 //! There are two layouts. The rig layout has `scene_timestamps.csv` and `scene/`, optionally
 //! `env_timestamps.csv` and `env/`, `tracker_fastrak.txt` with its index, and `rig.json`,
 //! `calibration/`, `object/` and `phantoms/`, which become attachments. The TUM RGB-D layout has
-//! `rgb.txt` and `groundtruth.txt`. Only those columns of tables are read that a driver would stamp.
+//! `rgb.txt` and `groundtruth.txt`, and gets a `rig.json` if it has none. Only those columns of tables are read that a driver would stamp.
 
 mod error;
 mod folder;
@@ -44,8 +44,25 @@ pub struct ImportSummary {
     pub poses: usize,
     /// Number of attached files.
     pub attachments: usize,
+    /// Where the lens of a TUM RGB-D folder comes from; `None` for a rig's folder.
+    pub lens: Option<Lens>,
     /// Size of the session, bytes.
     pub bytes: u64,
+}
+
+/// Origin of the lens of a TUM RGB-D folder.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Lens {
+    /// The folder's `rig.json`.
+    Stated,
+    /// The benchmark's published values for these recordings: `freiburg1`, `freiburg2`,
+    /// `freiburg3`, or `default`.
+    Published {
+        /// Name of the recordings.
+        sequence: &'static str,
+    },
+    /// The pictures do not have the benchmark's size, and there is no `rig.json`.
+    Unknown,
 }
 
 /// An item to be written. Pictures are read from the disk only when they are written.
@@ -71,6 +88,9 @@ enum Item {
 #[derive(Debug, Default)]
 struct Plan {
     attachments: Vec<(String, PathBuf)>,
+    /// Attachments that the import writes: name, bytes.
+    written: Vec<(String, Vec<u8>)>,
+    lens: Option<Lens>,
     /// Items in any order; they are sorted by arrival before writing.
     items: Vec<(MonotonicTime, Item)>,
     tracker: Vec<u8>,
@@ -188,7 +208,14 @@ fn write_partial(
         report(f64::from(done) / all as f64);
     };
     let mut writer = SessionWriter::create(partial)?;
-    let mut summary = ImportSummary::default();
+    let mut summary = ImportSummary {
+        lens: plan.lens,
+        ..ImportSummary::default()
+    };
+    for (name, bytes) in &plan.written {
+        writer.attach(name, bytes)?;
+        summary.attachments += 1;
+    }
     for (name, file) in &plan.attachments {
         writer.attach(name, &folder.read(file)?)?;
         summary.attachments += 1;

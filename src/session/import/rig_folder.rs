@@ -169,7 +169,7 @@ fn tracker(folder: &Folder, plan: &mut Plan) -> Result<(), ImportError> {
 }
 
 /// Reads `rig.json`. Only the values for viewers are used here; replay checks the rest.
-fn rig(folder: &Folder) -> Result<Value, ImportError> {
+pub(super) fn rig(folder: &Folder) -> Result<Value, ImportError> {
     if !folder.has(RIG) {
         return Ok(Value::Null);
     }
@@ -212,7 +212,7 @@ fn view(sample: &PoseSample) -> (MonotonicTime, Item) {
 }
 
 /// Adds calibrations and constant transforms for viewers, as far as `rig.json` has them.
-fn view_rig(rig: &Value, plan: &mut Plan) {
+pub(super) fn view_rig(rig: &Value, plan: &mut Plan) {
     let fixed = [
         ("world", "tracker", &rig["tracker"]["T_world_source"]),
         ("sensor_1", "scene_camera", &rig["tracker"]["T_sensor_cam"]),

@@ -145,6 +145,7 @@ fn updater() -> (LightUpdater, watch::Sender<Settings>) {
         pose: penumbra_config::PoseSource::Tracker,
         calibration: RigDocument::uncalibrated(64, 48).calibration,
         scene: Scene::default(),
+        fixed_pose: None,
         tags: None,
         calibrated: false,
     };
