@@ -4,10 +4,11 @@ use crate::error::RigError;
 use crate::setup::RigSetup;
 use crate::source::{Live, Source};
 use penumbra_config::{CameraSource, Config, TrackerSource};
+use penumbra_lighting::read_environment_map;
 use penumbra_session::Session;
 use std::path::Path;
 
-/// Checks that the calibration, the recordings and the folders named by `config` exist and can be
+/// Checks that the calibration, the recordings, the environment map and the folders named by `config` exist and can be
 /// used.
 ///
 /// # Errors
@@ -21,6 +22,10 @@ pub fn check_files(config: &Config) -> Result<(), RigError> {
         rig.map_err(|error| named("calibration.from", error))?;
     }
     check_recordings(config)?;
+    if let Some(map) = &config.environment.map {
+        // The error names the key itself.
+        read_environment_map(&map.path)?;
+    }
     let folders = [
         ("recording.folder", Some(config.recording.folder.as_path())),
         ("planes.cache", config.planes.cache.as_deref()),
@@ -87,7 +92,7 @@ fn named(key: &'static str, error: RigError) -> RigError {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use penumbra_config::RecordingConfig;
+    use penumbra_config::{EnvironmentConfig, EnvironmentMapConfig, RecordingConfig};
 
     #[test]
     fn missing_folders_can_be_created_but_not_inside_a_file() {
@@ -105,5 +110,31 @@ mod tests {
         let error = check_files(&config(&file.join("below"))).unwrap_err();
         let text = error.to_string();
         assert!(text.starts_with("`recording.folder`: "), "{text}");
+    }
+    #[test]
+    fn environment_map_must_exist_and_be_one() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("map.hdr");
+        let refusal = || {
+            let map = EnvironmentMapConfig {
+                path: file.clone(),
+                yaw: 0.0,
+                factor: 1.0,
+            };
+            let environment = EnvironmentConfig {
+                map: Some(map),
+                ..EnvironmentConfig::default()
+            };
+            let config = Config {
+                environment,
+                ..Config::default()
+            };
+            check_files(&config).unwrap_err().to_string()
+        };
+        let missing = refusal();
+        assert!(missing.starts_with("environment.map: "), "{missing}");
+        std::fs::write(&file, "no map").unwrap();
+        let damaged = refusal();
+        assert!(damaged.contains("no environment map"), "{damaged}");
     }
 }

@@ -205,6 +205,48 @@ fn plays_a_tum_folder() {
     assert_eq!(report["frames"]["composed"], 2);
     assert_eq!(report["frames"]["without_pose"], 0);
     assert_eq!(report["white_balance"], serde_json::Value::Null);
+    assert_eq!(report["lights"], 0);
+}
+
+/// Puts an environment map in which radiance is 1 everywhere but for a lamp above +Y.
+fn put_map(desk: &Desk, name: &str) {
+    let mut texels = [[128, 128, 128, 129]; 16 * 32];
+    texels[5 * 32 + 8] = [128, 128, 128, 137];
+    let mut file = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 16 +X 32\n".to_vec();
+    file.extend(texels.as_flattened());
+    desk.put(name, &file);
+}
+
+#[test]
+fn stated_light_and_pose_serve_a_recording_that_has_neither() {
+    let desk = Desk::new();
+    put_tum_folder(&desk, "tum");
+    std::fs::remove_file(desk.path("tum/groundtruth.txt")).unwrap();
+    put_map(&desk, "map.hdr");
+    desk.works("import tum tum.mcap");
+    let light = "[environment]\nsource = \"map\"\nmap = \"map.hdr\"\n";
+    let pose = "[registration]\nfixed_position_m = [0, -0.5, 0.4]\nfixed_look_at_m = [0, 0, 0]\n";
+    desk.put(
+        "box.toml",
+        "[[object]]\nshape = \"box\"\nsize_m = [0.2, 0.2, 0.2]\n",
+    );
+    desk.put("dark.toml", pose);
+    desk.put("bright.toml", format!("{light}map_ev = 1\n{pose}"));
+    let mean = |name: &str| {
+        desk.works(&format!(
+            "replay tum.mcap {QUIET} --config {name}.toml --scene box.toml --frames-out {name} \
+             --report {name}.json"
+        ));
+        let report = desk.json(&format!("{name}.json"));
+        assert_eq!(report["frames"]["without_pose"], 0);
+        let picture = picture(&desk, &format!("{name}/00000.png"));
+        let sum: u64 = picture.rgba.iter().map(|code| u64::from(*code)).sum();
+        (report["lights"].clone(), sum)
+    };
+    let (none, dark) = mean("dark");
+    let (all, bright) = mean("bright");
+    assert_eq!((none, all), (0.into(), 64.into()));
+    assert!(bright > dark, "{bright} {dark}");
 }
 
 #[test]
