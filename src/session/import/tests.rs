@@ -277,6 +277,51 @@ fn imports_tum_folder() {
     );
 }
 
+#[test]
+fn tum_folder_gets_the_lens_of_its_recordings_and_a_camera_that_is_its_own_tracker() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut png = b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR".to_vec();
+    png.extend([640_u32, 480].iter().flat_map(|side| side.to_be_bytes()));
+    let put = |name: &str, data: &[u8]| fs::write(folder.path().join(name), data).unwrap();
+    put("1.png", &png);
+    put("groundtruth.txt", b"1.4 1 2 3 0 0 0 1\n");
+    let imported = || {
+        let args = ImportArgs {
+            force: true,
+            ..args(folder.path())
+        };
+        let summary = import(&args, &mut |_| {}).unwrap();
+        let session = Session::open(&args.output).unwrap();
+        let rig = session.attachment("rig.json");
+        let rig: Option<serde_json::Value> = rig.map(|r| serde_json::from_slice(r).unwrap());
+        (summary.lens.unwrap(), rig)
+    };
+    let head = "# color images\n# file: 'rgbd_dataset_freiburg2_desk.bag'\n";
+    put("rgb.txt", format!("{head}1.5 1.png\n").as_bytes());
+    let (lens, rig) = imported();
+    let sequence = "freiburg2";
+    assert_eq!(lens, Lens::Published { sequence });
+    let rig = rig.unwrap();
+    assert_eq!(rig["scene_camera"]["K"][0][0], 520.908_62);
+    assert_eq!(rig["tracker"]["T_sensor_cam"]["matrix_row_major"][2][2], 1);
+    put("rgb.txt", b"1.5 1.png\n");
+    let sequence = "default";
+    assert_eq!(imported().0, Lens::Published { sequence });
+    // A stated lens stays, and gets the tracker that it lacks.
+    put(
+        "rig.json",
+        br#"{"scene_camera":{"image_size":[640,480],"K":[[7,0,1],[0,7,1],[0,0,1]]}}"#,
+    );
+    let (lens, rig) = imported();
+    assert_eq!(lens, Lens::Stated);
+    let rig = rig.unwrap();
+    assert_eq!(rig["scene_camera"]["K"][0][0], 7);
+    assert!(rig["tracker"].is_object());
+    fs::remove_file(folder.path().join("rig.json")).unwrap();
+    put("1.png", b"no picture");
+    assert_eq!(imported(), (Lens::Unknown, None));
+}
+
 /// All frames are imported, every FASTRAK record is decoded from the stored bytes, and every frame is
 /// paired with a pose and a complete view of the environment.
 #[test]

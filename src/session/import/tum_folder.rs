@@ -55,7 +55,8 @@ fn rig(folder: &Folder, list: &str, plan: &mut Plan) -> Result<(), ImportError> 
     let has_poses = plan.items.iter().any(|(_, i)| matches!(i, Item::Pose(_)));
     if let Some(object) = rig.as_object_mut().filter(|_| has_poses) {
         // The poses are the camera's own.
-        let here = json!({ "position": [0, 0, 0], "quaternion_wxyz": [1, 0, 0, 0] });
+        let rows = [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]];
+        let here = json!({ "matrix_row_major": rows });
         let tracker = json!({ "T_world_source": here.clone(), "T_sensor_cam": here });
         object.entry("tracker").or_insert(tracker);
     }
