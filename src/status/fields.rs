@@ -136,7 +136,7 @@ pub const STATUS_FIELDS: &[(&str, &str)] = &[
     ),
     (
         "registration.source",
-        "Source of the newest pose: `tracker`, `markers`, `hybrid` (the tracker, corrected by markers) or `none`.",
+        "Source of the newest pose: `tracker`, `markers`, `hybrid` (the tracker, corrected by markers), `fixed` (as the configuration states) or `none`.",
     ),
     (
         "registration.markers",

@@ -40,6 +40,7 @@ function poseSign(s) {
   if (!s.frames.composed) return ['idle', 'Not known yet.'];
   if (source === 'none') return ['bad', 'No pose: the camera’s picture is shown without virtual objects.'];
   if (ambiguous) return ['warn', 'Two poses fit the marker; show it at an angle, or more markers.'];
+  if (source === 'fixed') return ['good', 'As the configuration states.'];
   return ['good', source === 'hybrid' ? 'Tracker, corrected by markers.' : `By ${source === 'tracker' ? 'the tracker' : source}.`];
 }
 
