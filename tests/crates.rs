@@ -126,6 +126,20 @@ const ALLOWED: &[(&str, &[&str])] = &[
             "config",
         ],
     ),
+    // Photographs without a rig.
+    (
+        "photo",
+        &[
+            "interface",
+            "numerics",
+            "picture",
+            "camera",
+            "session",
+            "lighting",
+            "fiducials",
+            "calibration",
+        ],
+    ),
     // Connects everything.
     (
         "rig",
@@ -164,6 +178,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
             "lighting",
             "scene",
             "fiducials",
+            "photo",
             "rig-model",
             "calibration",
             "compositor",

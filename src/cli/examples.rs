@@ -91,6 +91,19 @@ const EXAMPLES: &[(&str, &[(&str, &str)])] = &[
         ],
     ),
     (
+        "photo",
+        &[
+            (
+                "penumbra photo empty.jpg ball1.jpg ball2.jpg --ball-diameter 80mm -o composite.png",
+                "from photographs with a phone; the ball in two exposures",
+            ),
+            (
+                "penumbra photo empty.jpg ball.jpg --ball-diameter 8cm --tag tag36h11:60mm --scene scene.toml --found found.png -o composite.png",
+                "own objects on the ground of a printed tag, and a picture of what was found",
+            ),
+        ],
+    ),
+    (
         "calibrate intrinsics",
         &[(
             "penumbra calibrate intrinsics --session board.mcap --board chess:9x6:0.025 --out rig/calibration/scene_camera.json",

@@ -14,6 +14,7 @@ mod generate;
 mod import;
 mod light;
 mod live;
+mod photo;
 mod ports;
 mod progress;
 mod quiet;
@@ -63,6 +64,8 @@ enum Command {
     Info(check::InfoArgs),
     /// Estimate the lighting from a photograph or a session
     Light(light::LightArgs),
+    /// Put virtual objects into a photograph, under the light that a mirrored ball showed
+    Photo(Box<photo::PhotoArgs>),
     /// Calibrate the rig, step by step
     Calibrate(calibrate::CalibrateArgs),
     /// Check a configuration and the files it names, and print the settings that it changes
@@ -141,6 +144,7 @@ fn carry_out(command: Command) -> anyhow::Result<ExitCode> {
         Command::Import(args) => import::run(args),
         Command::Info(args) => check::info(&args),
         Command::Light(args) => light::run(&args),
+        Command::Photo(args) => photo::run(&args),
         Command::Calibrate(args) => calibrate::run(args),
         Command::CheckConfig(args) => check::check_config(&args),
         Command::Devices(args) => devices::run(&args),

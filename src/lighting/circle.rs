@@ -12,8 +12,6 @@ pub struct Circle {
     pub radius: f64,
 }
 
-/// Maximum side of the picture in which circles are searched, pixels.
-const MAX_SEARCH_SIDE: u32 = 240;
 /// Minimum part of an outline that must be visible.
 const MIN_SUPPORT: f64 = 0.3;
 /// Rays from the centre along which the outline is refined.
@@ -43,25 +41,69 @@ pub fn fisheye_circle(picture: &Picture) -> Option<Circle> {
     fit(&inside)
 }
 
+/// Where the outline of a mirrored sphere is searched.
+#[derive(Clone, Copy)]
+pub struct OutlineSearch<'a> {
+    /// Minimum and maximum radius, as shares of the picture's shorter side.
+    pub radii: [f64; 2],
+    /// Maximum side of the reduced picture in which it is searched, pixels.
+    pub max_side: u32,
+    /// How likely the sphere is at a circle (pixels of the full picture), from 0, apart from its
+    /// edges.
+    pub prior: &'a dyn Fn(Circle) -> f64,
+}
+
+impl OutlineSearch<'static> {
+    /// A sphere that fills a large part of the picture.
+    pub const LARGE: Self = Self {
+        radii: [0.25, 0.55],
+        max_side: 240,
+        prior: &|_| 1.0,
+    };
+}
+
+/// An outline that was found.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Outline {
+    /// The circle.
+    pub circle: Circle,
+    /// Share of the circle along which there is an edge across its radius, 0 to 1: how sure it is.
+    pub support: f64,
+}
+
 /// Finds the outline of a mirrored sphere that fills a large part of the picture: the circle with
 /// the most edges across it (Hough transform), refined along rays.
 #[must_use]
 pub fn sphere_outline(picture: &Picture) -> Option<Circle> {
+    find_outline(picture, &OutlineSearch::LARGE).map(|found| found.circle)
+}
+
+/// As [`sphere_outline`], for other sizes and with what is known beforehand.
+#[must_use]
+pub fn find_outline(picture: &Picture, search: &OutlineSearch<'_>) -> Option<Outline> {
     let scale = (picture.width.max(picture.height))
-        .div_ceil(MAX_SEARCH_SIDE)
+        .div_ceil(search.max_side.max(1))
         .max(1);
     let small = Grey::new(picture).shrunk(scale);
-    let coarse = small.hough()?;
     let scale = f64::from(scale);
-    let mut circle = Circle {
-        centre: (coarse.centre + 0.5) * scale - 0.5,
-        radius: coarse.radius * scale,
+    let full = |circle: Circle| Circle {
+        centre: (circle.centre + 0.5) * scale - 0.5,
+        radius: circle.radius * scale,
     };
+    let (support, coarse) = small.hough(search.radii, &|circle| (search.prior)(full(circle)))?;
+    let mut circle = full(coarse);
     let fine = Grey::new(picture);
     for reach in [0.04, 0.02, 0.015] {
         circle = fine.refine(circle, reach).unwrap_or(circle);
     }
-    Some(circle)
+    Some(Outline { circle, support })
+}
+
+/// Returns the points of the strongest steps of luminance along rays from a circle's centre, within
+/// `reach` radii of the circle, pixels.
+#[must_use]
+pub fn outline_points(picture: &Picture, circle: Circle, reach: f64) -> Vec<DVec2> {
+    Grey::new(picture).steepest(circle, reach)
 }
 
 /// An edge: a step of luminance.
@@ -165,12 +207,12 @@ impl Grey {
         DVec2::new(f64::from(gx), f64::from(gy))
     }
 
-    /// Finds a circle: every edge votes for the centres on its normal, at every radius from a
-    /// quarter to 0.55 of the shorter side, weighted by the square root of its contrast; the best
-    /// centre of each radius is scored by its support.
-    fn hough(&self) -> Option<Circle> {
+    /// Finds a circle: every edge votes for the centres on its normal, at every radius between two
+    /// shares of the shorter side, weighted by the square root of its contrast; the best centre of
+    /// each radius is scored by its support and `prior`. Returns the support and the circle.
+    fn hough(&self, radii: [f64; 2], prior: &dyn Fn(Circle) -> f64) -> Option<(f64, Circle)> {
         let side = self.width.min(self.height) as f64;
-        let (low, high) = ((0.25 * side) as usize, (0.55 * side) as usize);
+        let [low, high] = radii.map(|share| (share * side).max(2.0) as usize);
         let edges = self.edges();
         let candidates = (low..=high).filter_map(|radius| {
             let mut votes = vec![0.0f32; self.width * self.height];
@@ -183,10 +225,11 @@ impl Grey {
                 centre,
                 radius: radius as f64,
             };
-            Some((self.support(circle), circle))
+            let support = self.support(circle);
+            Some((support * prior(circle), support, circle))
         });
-        let best = candidates.max_by(|a, b| a.0.total_cmp(&b.0))?;
-        (best.0 > MIN_SUPPORT).then_some(best.1)
+        let (_, support, circle) = candidates.max_by(|a, b| a.0.total_cmp(&b.0))?;
+        (support > MIN_SUPPORT).then_some((support, circle))
     }
 
     /// Returns the part of a circle along which there is an edge across its radius, of any
@@ -254,8 +297,18 @@ impl Grey {
 
     /// Refines a circle by the strongest step along rays, within `reach` radii of the outline.
     fn refine(&self, circle: Circle, reach: f64) -> Option<Circle> {
+        let points = self.steepest(circle, reach);
+        if points.len() < RAYS / 6 {
+            None
+        } else {
+            fit(&points)
+        }
+    }
+
+    /// Returns the points of the strongest steps along rays, within `reach` radii of the outline.
+    fn steepest(&self, circle: Circle, reach: f64) -> Vec<DVec2> {
         let span = (reach * circle.radius).ceil().max(2.0) as i32;
-        let points: Vec<DVec2> = (0..RAYS)
+        (0..RAYS)
             .filter_map(|k| {
                 let side = DVec2::from_angle(std::f64::consts::TAU * k as f64 / RAYS as f64);
                 let at = |r: f64| self.at(circle.centre + side * (circle.radius + r));
@@ -268,12 +321,7 @@ impl Grey {
                     .max_by(|a, b| a.1.total_cmp(&b.1))?;
                 (s > 16.0).then(|| circle.centre + side * (circle.radius + f64::from(r)))
             })
-            .collect();
-        if points.len() < RAYS / 6 {
-            None
-        } else {
-            fit(&points)
-        }
+            .collect()
     }
 }
 

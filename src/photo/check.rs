@@ -1,0 +1,105 @@
+//! Compares the ball in the photograph with the same ball put back virtually: the photograph with
+//! the ball is the truth for the one without.
+
+use crate::photograph::reduced;
+use crate::{Analysis, BallPicture};
+use glam::DVec2;
+use penumbra_picture::Picture;
+
+/// Minimum darkening of a pixel that is shadow, relative.
+const MIN_DEPTH: f64 = 0.04;
+/// Distance up to which shadows are compared, radii from the ball's centre.
+const REACH: f64 = 5.0;
+
+/// How the ball's real and virtual shadows agree.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ShadowCheck {
+    /// Mean darkening of the photograph in the shadow, relative to the picture without the ball.
+    pub real: f64,
+    /// Mean darkening of the composite at the same pixels.
+    pub composite: f64,
+    /// Root mean square difference of both there.
+    pub difference: f64,
+    /// Number of pixels compared.
+    pub pixels: usize,
+}
+
+impl Analysis {
+    /// Compares the shadow of the ball with that in `composite`: the picture without the ball, with
+    /// a virtual ball put in its place. `None` if the ball throws no shadow that can be measured.
+    #[must_use]
+    pub fn check(&self, composite: &Picture) -> Option<ShadowCheck> {
+        let real = crate::best_exposed(&self.balls)?;
+        let factor = self.camera.width / composite.width.max(1);
+        if factor == 0 {
+            return None;
+        }
+        let empty = reduced(&self.empty.picture, factor);
+        let with = reduced(&real.photograph.picture, factor);
+        let shift = (real.shift.as_dvec2() / f64::from(factor)).round();
+        let circle = crate::session::reduced_circle(&self.ball, f64::from(factor));
+        let linear = self.tone.response.linear_from_code();
+        let gain = real.ev.exp2();
+        // Noise and grain must not select the pixels: means of 3 × 3.
+        let value = |picture: &Picture, x: i64, y: i64| {
+            let mut sum = 0.0;
+            for i in 0..9 {
+                let (u, v) = (x + i % 3 - 1, y + i / 3 - 1);
+                let inside = (0..i64::from(picture.width)).contains(&u)
+                    && (0..i64::from(picture.height)).contains(&v);
+                if !inside {
+                    return None;
+                }
+                sum += picture
+                    .rgb(u as u32, v as u32)
+                    .iter()
+                    .map(|code| f64::from(linear[usize::from(*code)]))
+                    .sum::<f64>();
+            }
+            Some(sum)
+        };
+        let (mut n, mut sums, mut squares) = (0usize, [0.0; 2], 0.0);
+        for y in 0..i64::from(composite.height) {
+            for x in 0..i64::from(composite.width) {
+                let distance = DVec2::new(x as f64, y as f64).distance(circle.centre);
+                if !(1.08 * circle.radius..REACH * circle.radius).contains(&distance) {
+                    continue;
+                }
+                let there = (x + shift.x as i64, y + shift.y as i64);
+                let (Some(e), Some(r), Some(c)) = (
+                    value(&empty, x, y),
+                    value(&with, there.0, there.1),
+                    value(composite, x, y),
+                ) else {
+                    continue;
+                };
+                // Where nothing is to be darkened, nothing is compared.
+                if e < 9.0 * 3.0 * 0.01 {
+                    continue;
+                }
+                let (real, virtual_) = (1.0 - r / (gain * e), 1.0 - c / e);
+                if real.max(virtual_) > MIN_DEPTH && real.min(virtual_) > -0.5 {
+                    n += 1;
+                    sums[0] += real;
+                    sums[1] += virtual_;
+                    squares += (real - virtual_).powi(2);
+                }
+            }
+        }
+        let count = n as f64;
+        (n >= 50).then(|| ShadowCheck {
+            real: sums[0] / count,
+            composite: sums[1] / count,
+            difference: (squares / count).sqrt(),
+            pixels: n,
+        })
+    }
+
+    /// Returns the pictures of the ball from the longest to the shortest exposure.
+    #[must_use]
+    pub fn by_exposure(&self) -> Vec<&BallPicture> {
+        let mut balls: Vec<&BallPicture> = self.balls.iter().collect();
+        balls.sort_by(|a, b| b.ev.total_cmp(&a.ev));
+        balls
+    }
+}
