@@ -33,8 +33,7 @@ pub struct PhotoArgs {
     /// The place without the ball (JPEG, PNG)
     #[arg(value_name = "EMPTY.jpg")]
     empty: PathBuf,
-    /// The same with a mirrored ball, in one or more exposures; a ball that was moved to a second place
-    /// tells how the ground lies
+    /// The same with a mirrored ball, in one or more exposures
     #[arg(value_name = "BALL.jpg", required = true, num_args = 1..=MAX_BALLS)]
     balls: Vec<PathBuf>,
     /// Diameter of the ball, e.g. 80mm or 8cm
@@ -236,15 +235,19 @@ fn describe(analysis: &Analysis) -> Vec<String> {
     lines.push(match analysis.placement.ground {
         GroundFrom::Tag => format!("ground: from the tag; the camera looks down by {tilt:.1}°"),
         GroundFrom::Stated => format!("ground: the camera looks down by {tilt:.1}°, as stated"),
-        GroundFrom::TwoPlaces => {
-            format!("ground: from two places of the ball; the camera looks down by {tilt:.1}°")
-        }
         GroundFrom::Assumed => format!(
             "ground: the camera is assumed to look down by {tilt:.0}°; state it with --tilt, or put \
              a printed tag on the ground (--tag)"
         ),
     });
     lines.push(describe_exposures(analysis));
+    let clipped = analysis.clipped();
+    if clipped > 0 {
+        lines.push(format!(
+            "lamps: {clipped} pixels of the ball are white in its darkest picture; shadows come out too \
+             faint: add a darker exposure"
+        ));
+    }
     let profiles = std::iter::once(&analysis.empty)
         .chain(analysis.balls.iter().map(|b| &b.photograph))
         .find_map(|p| p.profile.as_ref());

@@ -226,7 +226,8 @@ impl Grey {
                 radius: radius as f64,
             };
             let support = self.support(circle);
-            Some((support * prior(circle), support, circle))
+            // A complete outline counts more than what is known beforehand.
+            Some((support * support * prior(circle), support, circle))
         });
         let (_, support, circle) = candidates.max_by(|a, b| a.0.total_cmp(&b.0))?;
         (support > MIN_SUPPORT).then_some((support, circle))

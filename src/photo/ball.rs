@@ -12,6 +12,10 @@ const MAX_SIDE: u32 = 480;
 const MIN_CHANGE: i32 = 12;
 /// Radii of balls that are searched, as shares of the picture's shorter side.
 const RADII: [f64; 2] = [0.03, 0.45];
+/// Directions from a circle's centre in which the change must end.
+const DIRECTIONS: u32 = 72;
+/// Minimum number of points of an outline in the difference of two pictures.
+const MIN_POINTS: usize = 120;
 /// Error of an outline's points beyond which they belong to something else, pixels.
 const MAX_ERROR: f64 = 2.0;
 
@@ -45,7 +49,7 @@ struct Changes {
 }
 
 /// Finds the ball in `with`, which `without` does not show; its content is shifted by `shift` pixels
-/// in `with`. `gain` is the factor of codes from `without` to `with` that their exposures cause.
+/// in `with`.
 #[must_use]
 pub fn find(with: &Picture, without: &Picture, shift: IVec2) -> Option<Circle> {
     let changes = Changes::between(without, with, shift)?;
@@ -89,31 +93,35 @@ impl Changes {
         })
     }
 
-    /// Returns the share of a circle that changed, less what changed in the ring around it: a ball's
-    /// shadow lies at one side of it only.
+    /// Returns the share of a circle's directions in which the change ends with it: what changed inside,
+    /// and did not outside. A circle in the ball's reflections has change on both sides, and a shadow
+    /// lies at one side of the ball only.
     fn prior(&self, circle: Circle) -> f64 {
         let centre = (circle.centre + 0.5) / self.factor - 0.5;
         let radius = circle.radius / self.factor;
-        let outer = 1.3 * radius;
-        let clamp = |v: f64, size: usize| v.clamp(0.0, size as f64 - 1.0) as usize;
-        let rows = clamp(centre.y - outer, self.height)..=clamp(centre.y + outer, self.height);
-        let columns = clamp(centre.x - outer, self.width)..=clamp(centre.x + outer, self.width);
-        // Pixels and changed pixels, inside and around.
-        let mut counts = [[0u32; 2]; 2];
-        for y in rows {
-            for x in columns.clone() {
-                let distance = DVec2::new(x as f64, y as f64).distance(centre) / radius;
-                let part = match distance {
-                    d if d < 0.95 => 0,
-                    d if (1.05..1.3).contains(&d) => 1,
-                    _ => continue,
-                };
-                counts[part][0] += 1;
-                counts[part][1] += u32::from(self.changed[y * self.width + x]);
-            }
-        }
-        let share = |[all, changed]: [u32; 2]| f64::from(changed) / f64::from(all.max(1));
-        (share(counts[0]) - 0.5 * share(counts[1])).max(0.0)
+        let share = |side: DVec2, from: f64, to: f64| {
+            let steps = ((to - from) * radius).ceil().max(2.0) as u32;
+            let at = |i: u32| from + (to - from) * f64::from(i) / f64::from(steps);
+            let changed = (0..=steps).filter_map(|i| self.at(centre + side * (radius * at(i))));
+            let (all, changed) = changed.fold((0u32, 0u32), |(n, sum), changed| {
+                (n + 1, sum + u32::from(changed))
+            });
+            f64::from(changed) / f64::from(all.max(1))
+        };
+        let ends = (0..DIRECTIONS).map(|k| {
+            let turn = f64::from(k) / f64::from(DIRECTIONS);
+            let side = DVec2::from_angle(std::f64::consts::TAU * turn);
+            (share(side, 0.6, 0.95) - share(side, 1.08, 1.3)).max(0.0)
+        });
+        ends.sum::<f64>() / f64::from(DIRECTIONS)
+    }
+
+    /// Whether a pixel changed; `None` outside the picture.
+    fn at(&self, p: DVec2) -> Option<bool> {
+        let (x, y) = (p.x.round(), p.y.round());
+        let is_inside =
+            x >= 0.0 && y >= 0.0 && (x as usize) < self.width && (y as usize) < self.height;
+        is_inside.then(|| self.changed[y as usize * self.width + x as usize])
     }
 }
 
@@ -133,16 +141,19 @@ fn gain(a: &Picture, b: &Picture) -> Option<f64> {
 /// points. `None` if too little of the outline is visible.
 #[must_use]
 pub fn cone(
-    picture: &Picture,
+    [with, without]: [&Picture; 2],
     camera: &PinholeCamera,
     circle: Circle,
     shift: IVec2,
 ) -> Option<FoundBall> {
+    // Where nothing was put the difference is small: its outline is the ball's, and no edge that the
+    // ball mirrors.
+    let mut found = outline_points(&difference(without, with, shift)?, circle, 0.08);
+    if found.len() < MIN_POINTS {
+        found = outline_points(with, circle, 0.08);
+    }
     let shift = shift.as_dvec2();
-    let points: Vec<DVec2> = outline_points(picture, circle, 0.08)
-        .into_iter()
-        .map(|p| p - shift)
-        .collect();
+    let points: Vec<DVec2> = found.into_iter().map(|p| p - shift).collect();
     let rays: Vec<DVec3> = points
         .iter()
         .map(|&p| camera.unproject(p).normalize())
@@ -175,6 +186,35 @@ pub fn cone(
     };
     cone.support = rays.iter().filter(is_on).count() as f64 / 360.0;
     (cone.support > 0.2).then_some(cone)
+}
+
+/// Returns how much the pictures differ, as a grey picture of `with`'s pixels.
+fn difference(without: &Picture, with: &Picture, shift: IVec2) -> Option<Picture> {
+    let gain = gain(without, with)?;
+    let (width, height) = (with.width as i32, with.height as i32);
+    let rgba = (0..width * height).flat_map(|i| {
+        let (x, y) = (i % width, i / width);
+        let (u, v) = (x - shift.x, y - shift.y);
+        let is_inside = (0..width).contains(&u) && (0..height).contains(&v);
+        let mut most = 0.0f64;
+        if is_inside {
+            let (here, there) = (
+                with.rgb(x as u32, y as u32),
+                without.rgb(u as u32, v as u32),
+            );
+            for (here, there) in here.into_iter().zip(there) {
+                let expected = (f64::from(there) * gain).min(255.0);
+                most = most.max((f64::from(here) - expected).abs());
+            }
+        }
+        let code = most as u8;
+        [code, code, code, 255]
+    });
+    Some(Picture {
+        width: with.width,
+        height: with.height,
+        rgba: rgba.collect(),
+    })
 }
 
 /// Returns the ball of a circle that was stated.
@@ -261,7 +301,7 @@ mod tests {
             let (centre, radius) = (DVec3::new(x, y, 0.7), 0.04);
             let with = picture(Some((centre, radius)));
             let circle = find(&with, &empty, IVec2::ZERO).unwrap();
-            let found = cone(&with, &camera(), circle, IVec2::ZERO).unwrap();
+            let found = cone([&with, &empty], &camera(), circle, IVec2::ZERO).unwrap();
             let error = found.centre(radius) - centre;
             assert!(
                 error.length() < 0.01 * centre.length(),

@@ -4,10 +4,13 @@
 use crate::photograph::reduced;
 use crate::{Analysis, BallPicture};
 use glam::DVec2;
+use penumbra_lighting::Circle;
 use penumbra_picture::Picture;
 
 /// Minimum darkening of a pixel that is shadow, relative.
 const MIN_DEPTH: f64 = 0.04;
+/// Smallest code that may be clipped.
+const CLIPPED: u8 = 253;
 /// Distance up to which shadows are compared, radii from the ball's centre.
 const REACH: f64 = 5.0;
 
@@ -93,6 +96,30 @@ impl Analysis {
             difference: (squares / count).sqrt(),
             pixels: n,
         })
+    }
+
+    /// Returns the number of pixels of the ball that are white in its darkest picture: lamps whose
+    /// brightness is not known.
+    #[must_use]
+    pub fn clipped(&self) -> usize {
+        let Some(darkest) = self.by_exposure().pop() else {
+            return 0;
+        };
+        let Circle { centre, radius } = darkest.circle;
+        let picture = &darkest.photograph.picture;
+        let range = |centre: f64, size: u32| {
+            let low = (centre - radius).max(0.0) as u32;
+            low..((centre + radius).max(0.0) as u32).min(size)
+        };
+        let is_white = |x: u32, y: u32| {
+            let at = DVec2::new(f64::from(x), f64::from(y));
+            let codes = picture.rgb(x, y);
+            at.distance(centre) < radius && codes.iter().max() >= Some(&CLIPPED)
+        };
+        range(centre.y, picture.height)
+            .flat_map(|y| range(centre.x, picture.width).map(move |x| (x, y)))
+            .filter(|&(x, y)| is_white(x, y))
+            .count()
     }
 
     /// Returns the pictures of the ball from the longest to the shortest exposure.

@@ -3,7 +3,7 @@
 //!
 //! The picture without the ball is the scene; the ball shows the light at the very place where the
 //! virtual objects will stand. EXIF gives exposures and the lens, the ball's outline its place, and a
-//! printed tag, two places of the ball, or the user the direction of the ground. Several exposures of
+//! printed tag or the user the direction of the ground. Several exposures of
 //! the ball are merged, and tell the camera's tone curve.
 
 mod align;
@@ -34,11 +34,6 @@ pub const ASSUMED_FIELD_OF_VIEW_DEGREES: f64 = 66.0;
 pub const ASSUMED_REFLECTANCE: f32 = 0.85;
 /// Share of pixels that may differ between aligned pictures: the ball, its shadow and people.
 const MAX_DIFFERING: f64 = 0.3;
-/// Distance of two circles beyond which the ball was moved between the pictures, radii.
-const MOVED: f64 = 0.25;
-/// Difference of exposures that are the same, stops.
-const SAME_EXPOSURE: f64 = 0.3;
-
 /// What the user states.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PhotoOptions {
@@ -117,15 +112,15 @@ impl Analysis {
                 ev,
             });
         }
-        let (balls, moved) = by_place(&empty, pictures, options.circle)?;
+        let balls = with_ball(&empty, pictures, options.circle)?;
         let best = best_exposed(&balls);
-        let ball = fitted(best, &camera, options.circle.is_some())?;
+        let ball = fitted(best, &empty, &camera, options.circle.is_some())?;
         let series: Vec<_> = balls
             .iter()
             .map(|b| (&b.photograph.picture, b.ev, b.shift))
             .collect();
         let tone = tone::tone(&series);
-        let placement = place(&empty, &camera, &tone, (&ball, moved.as_ref()), options)?;
+        let placement = place(&empty, &camera, &tone, &ball, options)?;
         Ok(Self {
             empty,
             camera,
@@ -243,46 +238,37 @@ impl Shifted {
     }
 }
 
-/// Finds the ball in the picture whose exposure is closest to that of the picture without it. Pictures
-/// of other exposures show it at the same place; one of the same exposure may show it at another, which
-/// is returned separately.
-fn by_place(
+/// Finds the ball in the picture whose exposure is closest to that of the picture without it. The others
+/// show it at the same place.
+fn with_ball(
     empty: &Photograph,
     mut pictures: Vec<Shifted>,
     stated: Option<Circle>,
-) -> Result<(Vec<BallPicture>, Option<BallPicture>), PhotoError> {
-    let find = |p: &Shifted| ball::find(&p.photograph.picture, &empty.picture, p.shift);
+) -> Result<Vec<BallPicture>, PhotoError> {
     // Of equal exposures the first given.
     let reference = (0..pictures.len()).min_by(|&a, &b| {
         let stops = |i: usize| (8.0 * pictures[i].ev.abs()).round();
         stops(a).total_cmp(&stops(b))
     });
     let Some(reference) = reference else {
-        return Ok((Vec::new(), None));
+        return Ok(Vec::new());
     };
-    let first = stated
+    let stated = stated
         .map(|circle| inside(circle, &pictures[0].photograph))
         .transpose()?
         .map(|circle| pictures[reference].moved(circle, pictures[0].shift));
     let reference = pictures.remove(reference);
-    let circle = match first.or_else(|| find(&reference)) {
-        Some(circle) => circle,
-        None => return Err(no_ball(&reference.photograph)),
-    };
-    let (ev, shift) = (reference.ev, reference.shift);
+    let picture = &reference.photograph.picture;
+    let circle = stated
+        .or_else(|| ball::find(picture, &empty.picture, reference.shift))
+        .ok_or_else(|| no_ball(&reference.photograph))?;
+    let shift = reference.shift;
     let mut balls = vec![reference.with(circle)];
-    let mut moved = None;
     for picture in pictures {
         let here = picture.moved(circle, shift);
-        let other = ((picture.ev - ev).abs() < SAME_EXPOSURE).then(|| find(&picture));
-        match other.flatten() {
-            Some(other) if other.centre.distance(here.centre) > MOVED * here.radius => {
-                moved = Some(picture.with(other));
-            }
-            _ => balls.push(picture.with(here)),
-        }
+        balls.push(picture.with(here));
     }
-    Ok((balls, moved))
+    Ok(balls)
 }
 
 /// Returns the picture whose exposure is closest to that of the picture without the ball.
@@ -295,6 +281,7 @@ fn best_exposed(balls: &[BallPicture]) -> Option<&BallPicture> {
 /// Fits the ball's outline. A stated circle of which nothing is visible is believed.
 fn fitted(
     picture: Option<&BallPicture>,
+    empty: &Photograph,
     camera: &PinholeCamera,
     is_stated: bool,
 ) -> Result<FoundBall, PhotoError> {
@@ -309,7 +296,12 @@ fn fitted(
             path: std::path::PathBuf::new(),
         });
     };
-    let found = ball::cone(&photograph.picture, camera, *circle, *shift);
+    let found = ball::cone(
+        [&photograph.picture, &empty.picture],
+        camera,
+        *circle,
+        *shift,
+    );
     match found {
         Some(found) => Ok(found),
         None if is_stated => {
@@ -324,7 +316,7 @@ fn place(
     empty: &Photograph,
     camera: &PinholeCamera,
     tone: &Tone,
-    (ball, moved): (&FoundBall, Option<&BallPicture>),
+    ball: &FoundBall,
     options: &PhotoOptions,
 ) -> Result<Placement, PhotoError> {
     let radius = options.ball_radius;
@@ -333,10 +325,6 @@ fn place(
     }
     if let Some(tilt) = options.tilt_degrees {
         return placement::by_tilt(ball, radius, tilt, GroundFrom::Stated);
-    }
-    let second = moved.and_then(|m| ball::cone(&m.photograph.picture, camera, m.circle, m.shift));
-    if let Some(tilt) = second.and_then(|s| placement::tilt_of(ball, &s, radius)) {
-        return placement::by_tilt(ball, radius, tilt, GroundFrom::TwoPlaces);
     }
     placement::by_tilt(ball, radius, ASSUMED_TILT_DEGREES, GroundFrom::Assumed)
 }

@@ -1,4 +1,4 @@
-//! Where camera, ground and ball are, from one or two pictures of the ball, or from a printed tag.
+//! Where camera, ground and ball are, from the ball's outline and a printed tag or the camera's tilt.
 //!
 //! The world has its origin where the ball touches the ground, +Z up, and +Y away from the camera.
 
@@ -12,11 +12,6 @@ use penumbra_interface::{MonotonicTime, RigidTransform};
 
 /// How far the camera looks down if nothing tells: a person who photographs a table, degrees.
 pub const ASSUMED_TILT_DEGREES: f64 = 30.0;
-/// Minimum distance of two balls for the ground's slope, radii.
-const MIN_BASELINE: f64 = 3.0;
-/// Minimum difference of their distances from the camera, as a share of their distance.
-const MIN_DEPTH: f64 = 0.3;
-
 /// How the direction of the ground is known.
 #[derive(Clone, Debug, PartialEq)]
 pub enum GroundFrom {
@@ -24,8 +19,6 @@ pub enum GroundFrom {
     Tag,
     /// The user states how far the camera looked down.
     Stated,
-    /// From two positions of the ball, with the camera upright.
-    TwoPlaces,
     /// Assumed: see [`ASSUMED_TILT_DEGREES`].
     Assumed,
 }
@@ -72,22 +65,6 @@ pub fn by_tilt(
     let centre = ball.centre(radius);
     let contact = centre - up * radius;
     placed(centre, contact, up, ground)
-}
-
-/// Returns the tilt (degrees) by which two balls of `radius` metres stand on one ground, if the
-/// camera was held upright. `None` if they are too close to each other, or beside each other.
-#[must_use]
-pub fn tilt_of(first: &FoundBall, second: &FoundBall, radius: f64) -> Option<f64> {
-    let (a, b) = (first.centre(radius), second.centre(radius));
-    let between = b - a;
-    let depth = between.z.abs().max(between.y.abs());
-    let is_apart = between.length() > MIN_BASELINE * radius && depth > MIN_DEPTH * between.length();
-    if !is_apart {
-        return None;
-    }
-    // up · between = 0 with up = (0, −cos t, −sin t), for the t between 0 and 90°.
-    let tilt = (-between.y / between.z).atan().to_degrees();
-    (0.0..=90.0).contains(&tilt).then_some(tilt)
 }
 
 /// Places a ball of `radius` metres by a printed tag in the picture without the ball.
@@ -209,20 +186,5 @@ mod tests {
         let seen = ball(DVec3::new(0.0, -0.4, 0.7), 0.04);
         let refused = by_tilt(&seen, 0.04, 5.0, GroundFrom::Assumed).unwrap_err();
         assert!(refused.to_string().contains("--tilt"), "{refused}");
-    }
-
-    #[test]
-    fn two_places_tell_the_tilt() {
-        for tilt in [10.0f64, 35.0, 70.0] {
-            let up = up_of(tilt.to_radians());
-            let away = DVec3::new(0.0, -tilt.to_radians().sin(), tilt.to_radians().cos());
-            let contact = DVec3::new(0.02, 0.05, 0.8);
-            let near = ball(contact + up * 0.04, 0.04);
-            let far = ball(contact + up * 0.04 + away * 0.3 + DVec3::X * 0.1, 0.04);
-            let found = tilt_of(&near, &far, 0.04).unwrap();
-            assert!((found - tilt).abs() < 1e-6, "{found} for {tilt}");
-            let beside = ball(contact + up * 0.04 + DVec3::X * 0.3, 0.04);
-            assert_eq!(tilt_of(&near, &beside, 0.04), None);
-        }
     }
 }
