@@ -7,6 +7,7 @@ mod bake;
 mod bench;
 mod calibrate;
 mod check;
+mod defaults;
 mod devices;
 mod examples;
 mod files;
@@ -14,6 +15,7 @@ mod generate;
 mod import;
 mod light;
 mod live;
+mod page_log;
 mod ports;
 mod progress;
 mod quiet;
@@ -24,11 +26,14 @@ mod simulate;
 
 use clap::error::{ContextKind, ContextValue, ErrorKind};
 use clap::{CommandFactory as _, FromArgMatches as _, Parser, Subcommand};
+use page_log::PageLog;
 use std::fmt::Display;
 use std::io::{IsTerminal, Write};
 use std::process::ExitCode;
 use std::sync::OnceLock;
 use tracing_subscriber::EnvFilter;
+use tracing_subscriber::layer::SubscriberExt;
+use tracing_subscriber::util::SubscriberInitExt;
 
 /// Augmented reality whose virtual objects share the light, reflections and soft shadows
 /// of the real scene.
@@ -42,9 +47,9 @@ struct Cli {
     quiet: bool,
 }
 
-/// Returns the definition of the command line, with examples.
+/// Returns the definition of the command line, with defaults and examples.
 fn command() -> clap::Command {
-    examples::add_to(Cli::command())
+    examples::add_to(defaults::add_to(Cli::command()))
 }
 
 #[derive(Debug, Subcommand)]
@@ -79,6 +84,8 @@ enum Command {
     Completions(generate::CompletionsArgs),
     /// Write the man pages of all commands
     Man(generate::ManArgs),
+    /// Print the JSON schema of rig.json
+    Schema,
 }
 
 /// Runs the command of the command line.
@@ -149,6 +156,7 @@ fn carry_out(command: Command) -> anyhow::Result<ExitCode> {
         Command::Simulate(args) => simulate::run(args),
         Command::Completions(args) => generate::completions(&args),
         Command::Man(args) => generate::man(&args),
+        Command::Schema => generate::schema(),
     }
 }
 
@@ -161,6 +169,8 @@ fn start_log() {
         .with_env_filter(filter)
         .with_writer(std::io::stderr)
         .with_ansi(std::io::stderr().is_terminal())
+        .finish()
+        .with(PageLog)
         .init();
 }
 
