@@ -32,7 +32,7 @@ DEMO_PAGE := http://127.0.0.1:8780
 OPEN_PAGE := if [ -n "$(DISPLAY)$(WAYLAND_DISPLAY)" ] && command -v xdg-open >/dev/null; then \
   (for _ in $$(seq 60); do curl -sf $(DEMO_PAGE)/healthz >/dev/null && { xdg-open $(DEMO_PAGE) >/dev/null 2>&1; break; }; sleep 1; done) & fi
 
-.PHONY: announce help demo demo-table demo-temple demo-lamp build test check docs docs-write unit advisories bench bench-table bench-compare gpu-check fidelity near-lamps calibration soak fuzz fmt packages-demo packages-test toolchain clean install uninstall deb tarball test-devices
+.PHONY: announce help demo demo-table demo-temple demo-lamp build test check docs docs-write unit advisories bench bench-table bench-compare gpu-check fidelity near-lamps calibration soak fuzz fmt packages-demo packages-test toolchain clean install uninstall deb tarball deb-proof test-devices
 
 help: ## This list
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/' | expand -t 14
@@ -72,8 +72,8 @@ check: packages-test toolchain ## Formatting, lints, documentation, spelling, li
 docs: toolchain ## The book: target/book/index.html
 	@$(UNPACKED) .ci/book
 
-docs-write: ## Rewrite the generated pages of the book: configuration, command line, status API
-	@$(UNPACKED) UPDATE_DOCS=1 cargo test --quiet -p penumbra-config -p penumbra-status _page
+docs-write: ## Rewrite the generated pages of the book: configuration, command line, status API, schema of rig.json
+	@$(UNPACKED) UPDATE_DOCS=1 cargo test --quiet -p penumbra-config -p penumbra-status -p penumbra-rig-model _page
 	@$(UNPACKED) UPDATE_DOCS=1 cargo test --quiet --bin penumbra command_line_page
 
 unit: toolchain ## Rust tests alone
@@ -138,6 +138,9 @@ deb: build ## A Debian package with documentation, sessions and licences: target
 
 tarball: build ## The same files as a tarball: target/penumbra-VERSION-ARCH.tar.xz
 	@$(UNPACKED) .ci/deb --penumbra $(PENUMBRA) --out $(TARGET) --tarball $(ARGS)
+
+deb-proof: deb tarball ## Install the package and the tarball into a bare Debian 12 and run the program there (root, debootstrap)
+	@.ci/deb-proof $(TARGET)/penumbra_*.deb $(TARGET)/penumbra-*.tar.xz
 
 uninstall: ## Remove the installed files, but not $(SYSCONFDIR)/penumbra and recordings
 	@$(if $(DESTDIR),,systemctl disable --now penumbra 2>/dev/null || true)

@@ -98,6 +98,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
             "sync",
             "lighting",
             "scene",
+            "fiducials",
             "white-balance",
             "rig-model",
         ],

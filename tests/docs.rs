@@ -205,6 +205,9 @@ fn settings_and_scene_files_in_the_documents_can_be_read() {
     // Settings may name a scene file in the same folder.
     let scene = folder.path().join("scene.toml");
     std::fs::copy(root().join("config/scene.toml"), scene).unwrap();
+    // They may name a dictionary of markers, too.
+    let markers = "1010111000101101001001110\n0111001011100010110101001\n";
+    std::fs::write(folder.path().join("mine.yml"), markers).unwrap();
     let path = folder.path().join("block.toml");
     for Block { place, text } in blocks {
         std::fs::write(&path, &text).unwrap();

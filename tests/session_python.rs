@@ -50,17 +50,21 @@ fn record(path: &Path) {
         error: None,
     };
     writer.pose(&sample).unwrap();
+    let (captured_at, composed_at) = (at(1_000_000_900), at(1_000_005_000));
+    let jpeg = b"a composite".to_vec().into();
+    writer.composite(jpeg, captured_at, composed_at).unwrap();
     writer.finish().unwrap();
 }
 
 const EXPECTED: &str = "\
-messages 6
+messages 7
 1000001000 /scene_camera/exposure penumbra.Exposure 41 8000.0 1.5
 1000001000 /scene_camera/image foxglove.CompressedImage 41 1000000900 jpeg a picture
 1000002000 /environment_camera/image_ev-4 foxglove.CompressedImage 41 1000000900 jpeg a picture
 1000002000 /environment_camera/image_raw foxglove.RawImage yuyv 4x2/8 16
 1000003000 /tracker/bytes penumbra.TrackerBytes fastrak 01 bytes
 1000004000 /tracker/pose foxglove.FrameTransform tracker sensor_1 0.5 -1.0 2.0 0.0 0.0 0.0 1.0
+1000005000 /composite/image foxglove.CompressedImage 0 1000000900 jpeg a composite
 attachment rig.json application/json {}
 attachment object/textures/wood.png image/png png
 ";

@@ -6,6 +6,10 @@ use penumbra_status::calibration::{
     Calibration, CalibrationControl, CalibrationRefusal, CalibrationRequest,
 };
 use penumbra_status::recording::{Recording, RecordingControl, RecordingRefusal, RecordingRequest};
+use penumbra_status::scene_files::{
+    SaveRequest, SceneAnswer, SceneControl, SceneFileEntry, SceneFileKind, SceneFolder,
+    SceneRefusal, SceneRequest,
+};
 use penumbra_status::snapshot::SessionState;
 use penumbra_status::{Settings, SharedStatus, StatusError, StatusServer};
 use proptest::prelude::*;
@@ -502,6 +506,121 @@ fn recording_requests_reach_the_recorder_only_from_the_own_page() {
     let outside = guarded.request("POST /recording", &[json], request);
     assert_eq!(outside.status, 401);
     assert_eq!(requests.0.lock().unwrap().len(), 2);
+}
+
+/// Scenes that note what they are asked for.
+#[derive(Default)]
+struct FakeScenes(std::sync::Mutex<Vec<String>>);
+
+impl SceneControl for FakeScenes {
+    fn list(&self) -> SceneFolder {
+        SceneFolder {
+            folder: "scenes".to_owned(),
+            max_upload_bytes: self.max_upload_bytes(),
+            ..SceneFolder::default()
+        }
+    }
+
+    fn max_upload_bytes(&self) -> u64 {
+        1000
+    }
+
+    fn show(&self, request: &SceneRequest) -> Result<SceneAnswer, SceneRefusal> {
+        self.0.lock().unwrap().push(request.show.clone());
+        let file = request.show.clone();
+        match file.as_str() {
+            "broken.toml" => Err(SceneRefusal::Content {
+                reason: "broken.toml:3: no".to_owned(),
+            }),
+            _ => Ok(SceneAnswer {
+                file,
+                loading: false,
+            }),
+        }
+    }
+
+    fn save(&self, request: &SaveRequest) -> Result<SceneAnswer, SceneRefusal> {
+        let file = request.file.clone().unwrap_or_default();
+        self.0.lock().unwrap().push(format!("save {file}"));
+        Ok(SceneAnswer {
+            file,
+            loading: false,
+        })
+    }
+
+    fn keep(&self, name: &str, content: &[u8]) -> Result<SceneFileEntry, SceneRefusal> {
+        self.0
+            .lock()
+            .unwrap()
+            .push(format!("{name}: {}", content.len()));
+        Ok(SceneFileEntry {
+            name: name.to_owned(),
+            kind: SceneFileKind::Model,
+            bytes: content.len() as u64,
+        })
+    }
+}
+
+#[test]
+fn scenes_are_listed_shown_and_uploaded_only_from_the_own_page() {
+    let server = Server::start(None);
+    let json = "Content-Type: application/json";
+    let file = "Content-Type: application/octet-stream";
+    let show = |headers: &[&str], body| server.request("POST /scenes", headers, body);
+    let upload = |query: &str, headers: &[&str], body: &str| {
+        server.request(&format!("POST /scenes/upload{query}"), headers, body)
+    };
+    assert!(server.get("/scenes").json()["closed"].is_string());
+    assert_eq!(show(&[json], r#"{"show": "none"}"#).status, 409);
+    assert_eq!(upload("?name=a.glb", &[file], "").status, 409);
+    let scenes = Arc::new(FakeScenes::default());
+    server.shared.set_scene_control(scenes.clone());
+    assert_eq!(server.get("/scenes").json()["folder"], "scenes");
+    assert_eq!(show(&[json], r#"{"show": "a.toml"}"#).status, 202);
+    let refused = show(&[json], r#"{"show": "broken.toml"}"#);
+    assert_eq!(refused.status, 422);
+    assert_eq!(refused.json()["error"], "broken.toml:3: no");
+    let answer = upload("?name=tea%20pot.glb", &[file], &"x".repeat(1000));
+    assert_eq!(
+        (answer.status, &answer.json()["name"]),
+        (202, &"tea-pot.glb".into())
+    );
+    let save = |headers: &[&str], body| server.request("POST /scenes/save", headers, body);
+    assert_eq!(save(&[json], r#"{"file": "b.toml"}"#).status, 202);
+    let asked = ["a.toml", "broken.toml", "tea-pot.glb: 1000", "save b.toml"];
+    assert_eq!(*scenes.0.lock().unwrap(), asked);
+    for (expected, answer) in [
+        (415, show(&[], r#"{"show": "a.toml"}"#)),
+        (422, show(&[json], r#"{"show": "../a.toml"}"#)),
+        (403, show(&[json, "Origin: http://evil.example"], "{}")),
+        (415, save(&[], "{}")),
+        (422, save(&[json], r#"{"file": "b.glb"}"#)),
+        (403, save(&[json, "Origin: http://evil.example"], "{}")),
+        (415, upload("?name=a.glb", &[json], "")),
+        (422, upload("", &[file], "x")),
+        (422, upload("?name=a.exe", &[file], "x")),
+        (413, upload("?name=a.glb", &[file], &"x".repeat(1001))),
+        (
+            403,
+            upload("?name=a.glb", &[file, "Origin: http://evil.example"], "x"),
+        ),
+        (
+            403,
+            upload("?name=a.glb", &[file, "Sec-Fetch-Site: cross-site"], "x"),
+        ),
+        (
+            421,
+            upload("?name=a.glb", &[file, "Host: evil.example"], "x"),
+        ),
+    ] {
+        assert_eq!(answer.status, expected, "{}", answer.text());
+    }
+    let guarded = Server::start(Some("open-sesame-now"));
+    guarded.shared.set_scene_control(scenes.clone());
+    assert_eq!(guarded.get("/scenes").status, 401);
+    let outside = guarded.request("POST /scenes/upload?name=a.glb", &[file], "x");
+    assert_eq!(outside.status, 401);
+    assert_eq!(scenes.0.lock().unwrap().len(), 4, "no other request");
 }
 
 // ── access ─────────────────────────────────────────────────────────────────────────

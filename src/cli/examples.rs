@@ -265,6 +265,13 @@ const EXAMPLES: &[(&str, &[(&str, &str)])] = &[
             "penumbra.1, penumbra-replay.1 and so on",
         )],
     ),
+    (
+        "schema",
+        &[(
+            "penumbra schema",
+            "for editors that check rig.json as it is written",
+        )],
+    ),
 ];
 
 /// What all commands have in common.

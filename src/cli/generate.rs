@@ -1,5 +1,5 @@
 //! `penumbra completions` and `penumbra man`: shell completions and man pages from the definition of
-//! the command line.
+//! the command line; `penumbra schema`: the JSON schema of rig.json.
 
 use super::files::refuse_overwriting;
 use anyhow::anyhow;
@@ -7,6 +7,7 @@ use clap::{Args, Command};
 use clap_complete::Shell;
 use clap_mangen::Man;
 use penumbra_picture::write_whole;
+use penumbra_rig_model::rig_json_schema;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -32,6 +33,12 @@ pub fn completions(args: &CompletionsArgs) -> anyhow::Result<ExitCode> {
     let mut script = Vec::new();
     clap_complete::generate(args.shell, &mut super::command(), "penumbra", &mut script);
     super::say(String::from_utf8(script)?.trim_end());
+    Ok(ExitCode::SUCCESS)
+}
+
+/// Prints the JSON schema of rig.json.
+pub fn schema() -> anyhow::Result<ExitCode> {
+    super::say(serde_json::to_string_pretty(&rig_json_schema())?);
     Ok(ExitCode::SUCCESS)
 }
 

@@ -1,6 +1,7 @@
 //! `penumbra light`.
 
 use super::files::refuse_overwriting;
+use super::progress::Progress;
 use anyhow::{anyhow, bail};
 use clap::Args;
 use penumbra_config::Config;
@@ -50,8 +51,11 @@ pub fn run(args: &LightArgs) -> anyhow::Result<ExitCode> {
     if args.out.exists() && !args.out.is_dir() {
         bail!("{}: is a file; name a folder", args.out.display());
     }
-    let report = report(args)?;
+    let progress = Progress::new("light");
+    let report = report(args, &progress)?;
+    progress.set(0.9);
     report.write(&args.out)?;
+    progress.finish();
     if args.json {
         let file = args.out.join("light.json");
         let text = std::fs::read_to_string(&file)
@@ -63,8 +67,9 @@ pub fn run(args: &LightArgs) -> anyhow::Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-fn report(args: &LightArgs) -> anyhow::Result<LightReport> {
+fn report(args: &LightArgs, progress: &Progress) -> anyhow::Result<LightReport> {
     if !is_mcap(&args.source) {
+        progress.set(0.05);
         let calibration = args.calibration.as_deref();
         return Ok(LightReport::from_photograph(
             &args.source,
@@ -83,7 +88,9 @@ fn report(args: &LightArgs) -> anyhow::Result<LightReport> {
         .as_deref()
         .map_or_else(|| Ok(Config::default()), Config::load)?;
     let session = Session::open(&args.source)?;
-    Ok(light_of_session(&session, &config)?)
+    Ok(light_of_session(&session, &config, |share| {
+        progress.set(share)
+    })?)
 }
 
 /// Returns whether a file is a session, by its name or its first bytes. An unreadable file is

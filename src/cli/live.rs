@@ -27,12 +27,13 @@ pub fn run(args: &RunArgs) -> anyhow::Result<ExitCode> {
     let config = args.show.config()?;
     let report_file = args.show.report_file()?;
     let status = SharedStatus::new(live_settings(&config));
+    super::page_log::set_page(&status);
     let server = status_server(&config, &status)?;
     let shutdown = Arc::new(AtomicBool::new(false));
     let live = Live::new(&config, true)?;
     let recorder = Recorder::new(
         live.hub.clone(),
-        live.files.clone(),
+        (live.files.clone(), live.composites.clone()),
         config.recording.clone(),
         status.clone(),
     );
@@ -44,7 +45,7 @@ pub fn run(args: &RunArgs) -> anyhow::Result<ExitCode> {
     let address = address(Some(&server), &config);
     let service = Service::start(Some(server), shutdown.clone())?;
     if let Some(path) = &args.record {
-        recorder.start(path, None)?;
+        recorder.start(path, None, config.recording.composite)?;
     }
     let report = show(runner, config, "live", (address, shutdown))?;
     drop(service);

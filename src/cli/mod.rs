@@ -7,6 +7,7 @@ mod bake;
 mod bench;
 mod calibrate;
 mod check;
+mod defaults;
 mod devices;
 mod examples;
 mod files;
@@ -15,6 +16,7 @@ mod import;
 mod light;
 mod live;
 mod photo;
+mod page_log;
 mod ports;
 mod progress;
 mod quiet;
@@ -25,11 +27,14 @@ mod simulate;
 
 use clap::error::{ContextKind, ContextValue, ErrorKind};
 use clap::{CommandFactory as _, FromArgMatches as _, Parser, Subcommand};
+use page_log::PageLog;
 use std::fmt::Display;
 use std::io::{IsTerminal, Write};
 use std::process::ExitCode;
 use std::sync::OnceLock;
 use tracing_subscriber::EnvFilter;
+use tracing_subscriber::layer::SubscriberExt;
+use tracing_subscriber::util::SubscriberInitExt;
 
 /// Augmented reality whose virtual objects share the light, reflections and soft shadows
 /// of the real scene.
@@ -43,9 +48,9 @@ struct Cli {
     quiet: bool,
 }
 
-/// Returns the definition of the command line, with examples.
+/// Returns the definition of the command line, with defaults and examples.
 fn command() -> clap::Command {
-    examples::add_to(Cli::command())
+    examples::add_to(defaults::add_to(Cli::command()))
 }
 
 #[derive(Debug, Subcommand)]
@@ -82,6 +87,8 @@ enum Command {
     Completions(generate::CompletionsArgs),
     /// Write the man pages of all commands
     Man(generate::ManArgs),
+    /// Print the JSON schema of rig.json
+    Schema,
 }
 
 /// Runs the command of the command line.
@@ -153,6 +160,7 @@ fn carry_out(command: Command) -> anyhow::Result<ExitCode> {
         Command::Simulate(args) => simulate::run(args),
         Command::Completions(args) => generate::completions(&args),
         Command::Man(args) => generate::man(&args),
+        Command::Schema => generate::schema(),
     }
 }
 
@@ -165,6 +173,8 @@ fn start_log() {
         .with_env_filter(filter)
         .with_writer(std::io::stderr)
         .with_ansi(std::io::stderr().is_terminal())
+        .finish()
+        .with(PageLog)
         .init();
 }
 

@@ -40,6 +40,9 @@ pub struct RecordArgs {
     /// Address of its status page
     #[arg(long, value_name = "ADDR:PORT", requires = "while_running")]
     listen: Option<SocketAddr>,
+    /// Have the composited pictures recorded, too, as [recording] composite does
+    #[arg(long, requires = "while_running")]
+    composite: bool,
     /// Token of its status page
     #[arg(long, value_name = "TOKEN", requires = "while_running")]
     token: Option<String>,
@@ -64,10 +67,13 @@ pub fn run(args: &RecordArgs) -> anyhow::Result<ExitCode> {
     // The recording would hold files that nobody can use.
     live.files.document(&config)?;
     let (hub, files) = (live.hub.clone(), live.files.clone());
+    let files = (files, live.composites.clone());
     let recorder = Recorder::new(hub, files, config.recording, status.clone());
     let shutdown = Arc::new(AtomicBool::new(false));
     let service = Service::start(None, shutdown.clone())?;
-    recorder.start(&args.output, args.duration.map(Duration::from_secs_f64))?;
+    let duration = args.duration.map(Duration::from_secs_f64);
+    // Nothing is composed here, so there are no composited pictures.
+    recorder.start(&args.output, duration, false)?;
     live.open()?;
     while recorder.is_recording() && !shutdown.load(Ordering::Relaxed) {
         std::thread::sleep(POLL_INTERVAL);
@@ -177,6 +183,7 @@ fn record_on_running_rig(args: &RecordArgs, config: &Config) -> anyhow::Result<E
         record: true,
         file: Some(name.to_owned()),
         seconds: args.duration,
+        composite: args.composite.then_some(true),
     };
     let address = args.listen.unwrap_or(config.status.listen);
     let token = args.token.as_ref().or(config.status.token.as_ref());

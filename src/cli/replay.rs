@@ -56,6 +56,7 @@ pub fn run(args: ReplayArgs) -> anyhow::Result<ExitCode> {
     let report_file = args.show.report_file()?;
     let session = open(&args)?;
     let status = SharedStatus::new(live_settings(&config));
+    super::page_log::set_page(&status);
     let server = server(&args, &config, &status)?;
     let shutdown = Arc::new(AtomicBool::new(false));
     let source = Source::Recorded(session);

@@ -6,11 +6,11 @@ use super::file::{self, ConfigFile};
 use super::look::look;
 use super::planes::planes;
 use super::range::{Result, millis, power_of_two, set, within};
-use super::registration::registration;
+use super::registration::{dictionaries, registration};
 use super::renamed::renamed;
 use super::{
-    Config, EnvironmentConfig, EnvironmentMapConfig, OutputConfig, ShadowConfig, StatusConfig,
-    SyncConfig, WhiteBalanceConfig, WhiteBalanceMethod,
+    Config, EnvironmentConfig, EnvironmentMapConfig, OutputConfig, SceneFilesConfig, ShadowConfig,
+    StatusConfig, SyncConfig, WhiteBalanceConfig, WhiteBalanceMethod,
 };
 use penumbra_rig_model::EnvironmentSource;
 use penumbra_scene::SceneChoice;
@@ -35,6 +35,7 @@ fn convert(file: ConfigFile, folder: &Path) -> Result<Config> {
         scene: scene(&file.scene, folder)?,
         ..Config::default()
     };
+    scene_files(file.scene, folder, &mut config.scene_files)?;
     config.scene_camera.response = file.scene_camera.response;
     let scene_camera = devices::camera("scene_camera", file.scene_camera.camera(), folder)?;
     set(&mut config.scene_camera.source, scene_camera);
@@ -46,6 +47,7 @@ fn convert(file: ConfigFile, folder: &Path) -> Result<Config> {
     environment(file.environment, folder, &mut config.environment)?;
     config.environment.room_lights = room_lights(&file.room_light)?;
     registration(&file.registration, &mut config.registration)?;
+    config.dictionaries = dictionaries(&file.registration.dictionaries, folder)?;
     white_balance(&file.white_balance, &mut config.white_balance)?;
     shadows(&file.shadows, &mut config.shadows)?;
     set(&mut config.shading.reflections, file.shading.reflections);
@@ -93,6 +95,16 @@ fn scene(file: &file::Scene, folder: &Path) -> Result<SceneChoice> {
         ));
     }
     Ok(SceneChoice::File(path))
+}
+
+fn scene_files(file: file::Scene, folder: &Path, out: &mut SceneFilesConfig) -> Result<()> {
+    out.folder = file.folder.map(|path| folder.join(path));
+    let upload = within("scene.max_upload_mb", file.max_upload_mb, 0.0..=1000.0)?;
+    set(
+        &mut out.max_upload_bytes,
+        upload.map(|mb| (mb * 1e6) as u64),
+    );
+    Ok(())
 }
 
 fn environment(file: file::Environment, folder: &Path, out: &mut EnvironmentConfig) -> Result<()> {
@@ -351,6 +363,18 @@ pub(super) fn effective(text: &TomlText) -> std::result::Result<toml::Table, Tom
         *token = toml::Value::String("(set)".to_owned());
     }
     Ok(all)
+}
+
+/// Returns the default of a setting, `section.key`, as it would be written on a command line; `None` if it
+/// has none.
+#[must_use]
+pub fn default_value(setting: &str) -> Option<String> {
+    let all: toml::Table = TomlText::new("rig.toml", DEFAULTS).parse().ok()?;
+    let (section, key) = setting.split_once('.')?;
+    match all.get(section)?.get(key)? {
+        toml::Value::String(text) => Some(text.clone()),
+        value => Some(value.to_string()),
+    }
 }
 
 /// Replaces the values of `all` by those given.

@@ -55,6 +55,7 @@ pub(super) struct RecordingFile {
     pub folder: Option<String>,
     pub max_duration_s: Option<f64>,
     pub reserve_mb: Option<f64>,
+    pub composite: Option<bool>,
 }
 
 /// Pixel format of a camera.
@@ -228,6 +229,8 @@ pub struct RecordingConfig {
     pub max_duration_nanos: Option<i64>,
     /// Space to leave free on the disk, bytes.
     pub reserve_bytes: u64,
+    /// Whether the composited pictures are recorded, too.
+    pub composite: bool,
 }
 
 impl Default for RecordingConfig {
@@ -236,6 +239,7 @@ impl Default for RecordingConfig {
             folder: PathBuf::from("recordings"),
             max_duration_nanos: None,
             reserve_bytes: 1_000_000_000,
+            composite: false,
         }
     }
 }
@@ -422,5 +426,6 @@ pub(super) fn recording(
     out.max_duration_nanos = seconds.map(|seconds| (seconds * 1e9) as i64);
     let reserve = within("recording.reserve_mb", file.reserve_mb, 0.0..=1e9)?;
     set(&mut out.reserve_bytes, reserve.map(|mb| (mb * 1e6) as u64));
+    set(&mut out.composite, file.composite);
     Ok(())
 }

@@ -51,6 +51,8 @@ pub(super) struct ConfigFile {
 #[serde(deny_unknown_fields, default)]
 pub(super) struct Scene {
     pub file: Option<String>,
+    pub folder: Option<String>,
+    pub max_upload_mb: Option<f64>,
 }
 
 #[derive(Debug, Default, Deserialize)]

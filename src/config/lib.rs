@@ -19,7 +19,7 @@ pub use choice::{
     Antialias, Clipped, FollowLatency, LightPlaces, Monitor, Quality, Refresh, ReplayPairing,
     ReplaySpeed, Technique, ToneCurve, Unseen,
 };
-pub use convert::{LIGHT_COUNTS, listen_needs_token};
+pub use convert::{LIGHT_COUNTS, default_value, listen_needs_token};
 pub use device_source::{CameraSource, REPLAY_PREFIX, TrackerSource, replay_name};
 pub use devices::{
     ControlChange, ControlValue, FormatName, Hemisphere, RecordingConfig, TrackerConfig,
@@ -38,12 +38,12 @@ pub use penumbra_scene::{Highlights, LampResponse, PlaneShading, SceneChoice, Sh
 use penumbra_sync::{Degree, Smoothing};
 pub use penumbra_white_balance::WhiteBalanceMethod;
 pub use planes::{FREQUENCIES, PlaneReceiver, PlanesConfig, lights_of_dome};
-pub use registration::{Distortion, PoseSource, Predict, RegistrationConfig};
+pub use registration::{Distortion, PoseSource, Predict, RegistrationConfig, register_dictionary};
 pub use renamed::renamed_word;
 
 use penumbra_interface::CameraSettings;
 use penumbra_scene::SceneAddition;
-use penumbra_strict_toml::TomlText;
+use penumbra_strict_toml::{TomlError, TomlText};
 use std::fmt;
 use std::net::{Ipv4Addr, SocketAddr};
 use std::path::{Path, PathBuf};
@@ -53,6 +53,8 @@ use std::path::{Path, PathBuf};
 pub struct Config {
     /// Virtual objects.
     pub scene: SceneChoice,
+    /// Scene files and models that can be chosen while the rig runs.
+    pub scene_files: SceneFilesConfig,
     /// The scene camera.
     pub scene_camera: SceneCameraConfig,
     /// The environment camera, if the rig has one.
@@ -67,6 +69,8 @@ pub struct Config {
     pub environment: EnvironmentConfig,
     /// Source of the scene camera's pose.
     pub registration: RegistrationConfig,
+    /// Dictionaries of markers; [`Self::load`] registers them.
+    pub dictionaries: Vec<PathBuf>,
     /// White balance between the cameras.
     pub white_balance: WhiteBalanceConfig,
     /// Shadows of virtual objects.
@@ -93,6 +97,42 @@ pub struct Config {
     pub gpu: GpuConfig,
     /// Replay of recordings.
     pub replay: ReplayConfig,
+}
+
+/// The keys of `[scene]` beside `file`.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct SceneFilesConfig {
+    /// Their folder; see [`Config::scene_folder`].
+    pub folder: Option<PathBuf>,
+    /// Maximum size of a file that is uploaded, bytes; 0 refuses all.
+    pub max_upload_bytes: u64,
+}
+
+impl Default for SceneFilesConfig {
+    fn default() -> Self {
+        Self {
+            folder: None,
+            max_upload_bytes: 64_000_000,
+        }
+    }
+}
+
+impl Config {
+    /// Returns the folder of scene files and models: the configured one, else that of the scene
+    /// file, else `scenes` where the program was started.
+    #[must_use]
+    pub fn scene_folder(&self) -> PathBuf {
+        if let Some(folder) = &self.scene_files.folder {
+            return folder.clone();
+        }
+        match &self.scene {
+            SceneChoice::File(file) => match file.parent() {
+                Some(folder) if !folder.as_os_str().is_empty() => folder.to_owned(),
+                _ => PathBuf::from("."),
+            },
+            SceneChoice::Session | SceneChoice::None => PathBuf::from("scenes"),
+        }
+    }
 }
 
 /// `[scene_camera]`
@@ -402,17 +442,22 @@ impl Default for StatusConfig {
 }
 
 impl Config {
-    /// Reads a configuration file. Paths in it are relative to the file's folder.
+    /// Reads a configuration file, and registers the dictionaries of markers that it names. Paths in
+    /// it are relative to the file's folder.
     ///
     /// # Errors
     /// The file cannot be read, is larger than 4 MiB, is not TOML, or has an unknown key, a former
-    /// name or an invalid value; with file, line and key.
+    /// name or an invalid value, or a dictionary cannot be used; with file, line and key.
     pub fn load(path: &Path) -> Result<Self, ConfigError> {
         let text = TomlText::read(path)?;
-        Ok(convert::config(
-            &text,
-            path.parent().unwrap_or(Path::new("")),
-        )?)
+        Ok(Self::registered(&text, path)?)
+    }
+
+    fn registered(text: &TomlText, path: &Path) -> Result<Self, TomlError> {
+        let config = convert::config(text, path.parent().unwrap_or(Path::new("")))?;
+        registration::register_dictionaries(&config.dictionaries)
+            .map_err(|fault| text.locate(fault))?;
+        Ok(config)
     }
 
     /// Parses a configuration; `name` is the file name in messages.
@@ -451,7 +496,7 @@ impl fmt::Display for Summary {
 /// The configuration or the scene file cannot be used.
 pub fn check_config(path: &Path) -> Result<Summary, ConfigError> {
     let text = TomlText::read(path)?;
-    let config = convert::config(&text, path.parent().unwrap_or(Path::new("")))?;
+    let config = Config::registered(&text, path)?;
     let changed = convert::changed_keys(&text)?;
     if let SceneChoice::File(scene) = &config.scene {
         SceneAddition::load(scene)?;

@@ -2,9 +2,12 @@
 
 use super::range::{Result, set};
 use glam::{DMat3, DQuat, DVec3};
+use penumbra_fiducials::{Dictionary, Family, MAX_DICTIONARY_BYTES};
 use penumbra_interface::RigidTransform;
 use penumbra_strict_toml::Fault;
 use serde::Deserialize;
+use std::io::Read;
+use std::path::{Path, PathBuf};
 
 /// Source of the scene camera's pose.
 #[derive(
@@ -97,6 +100,52 @@ pub(super) struct RegistrationFile {
     pub row_time_micros: Option<f64>,
     pub predict: Option<Predict>,
     pub display_delay_ms: Option<f64>,
+    pub dictionaries: Vec<String>,
+}
+
+/// Maximum number of dictionaries in a configuration.
+const MAX_DICTIONARIES: usize = 8;
+
+/// Returns the paths of the dictionaries of markers.
+pub(super) fn dictionaries(files: &[String], folder: &Path) -> Result<Vec<PathBuf>> {
+    if files.len() > MAX_DICTIONARIES {
+        let reason = format!("expected at most {MAX_DICTIONARIES} files");
+        return Err(Fault::new("registration.dictionaries", reason));
+    }
+    Ok(files.iter().map(|file| folder.join(file)).collect())
+}
+
+/// Reads and registers the dictionaries of markers.
+pub(super) fn register_dictionaries(paths: &[PathBuf]) -> Result<()> {
+    for (i, path) in paths.iter().enumerate() {
+        register_dictionary(path)
+            .map_err(|reason| Fault::new(format!("registration.dictionaries[{i}]"), reason))?;
+    }
+    Ok(())
+}
+
+/// Reads a dictionary of markers, OpenCV's YAML or XML or a list of bits, and registers it under the
+/// name of the file, without the ending.
+///
+/// # Errors
+/// The message for the user: the file cannot be read or is no dictionary.
+pub fn register_dictionary(path: &Path) -> std::result::Result<Family, String> {
+    let shown = path.display();
+    let refuse = |reason: &dyn std::fmt::Display| format!("{shown}: {reason}");
+    let open = || {
+        let file = std::fs::File::open(path)?;
+        let mut text = String::new();
+        file.take(MAX_DICTIONARY_BYTES).read_to_string(&mut text)?;
+        std::io::Result::Ok(text)
+    };
+    if !path.is_file() {
+        return Err(refuse(
+            &"there is no such file; expected a dictionary of markers",
+        ));
+    }
+    let text = open().map_err(|e| refuse(&e))?;
+    let name = path.file_stem().unwrap_or_default().to_string_lossy();
+    Dictionary::register(&name, &text).map_err(|e| refuse(&e))
 }
 
 /// Maximum distance of the camera from the world's origin along an axis, metres.

@@ -447,9 +447,12 @@ fn reads_device_names_and_resolves_files_against_the_configurations_folder() {
                 device = \"usb:046d:0825\"\non_control_change = \"restore\"\n\
                 [environment_camera.controls]\nauto_exposure = 1\nfocus_automatic_continuous = false\n\
                 [tracker]\ndevice = \"udp:0.0.0.0:40000\"\nprotocol = \"freed\"\n\
+                [scene]\nfolder = \"s\"\nmax_upload_mb = 2\n\
                 [calibration]\nfrom = \"c\"\n[recording]\nfolder = \"r\"\nmax_duration_s = 60\n";
     let text = TomlText::new("c.toml", text);
     let config = convert::config(&text, Path::new("/rig")).unwrap();
+    assert_eq!(config.scene_folder(), PathBuf::from("/rig/s"));
+    assert_eq!(config.scene_files.max_upload_bytes, 2_000_000);
     let replayed = CameraSource::Replay(PathBuf::from("/rig/a.mcap"));
     assert_eq!(config.scene_camera.source, replayed);
     let Some(CameraSource::System(camera)) = config.environment_camera else {
@@ -471,6 +474,12 @@ fn reads_device_names_and_resolves_files_against_the_configurations_folder() {
     assert_eq!((tracker.protocol.as_str(), tracker.station), ("freed", 1));
     assert_eq!(config.calibration, Some(PathBuf::from("/rig/c")));
     assert_eq!(config.recording.folder, PathBuf::from("/rig/r"));
+    let mut other = Config::default();
+    assert_eq!(other.scene_folder(), PathBuf::from("scenes"));
+    other.scene = SceneChoice::File("a/b.toml".into());
+    assert_eq!(other.scene_folder(), PathBuf::from("a"));
+    other.scene = SceneChoice::File("b.toml".into());
+    assert_eq!(other.scene_folder(), PathBuf::from("."));
     assert_eq!(config.recording.max_duration_nanos, Some(60_000_000_000));
     assert_eq!(
         TrackerUnits::from_metres(0.0254),

@@ -4,6 +4,7 @@ use super::codes::{
     ARUCO_4X4, ARUCO_5X5, ARUCO_6X6, ARUCO_7X7, ARUCO_ORIGINAL, MIP_36H12, TAG16H5, TAG25H9,
     TAG36H11,
 };
+use super::dictionary::{self, Dictionary};
 use std::fmt;
 use std::str::FromStr;
 
@@ -32,6 +33,8 @@ pub enum Family {
     ArucoOriginal,
     /// 250 markers of 36 bits with a Hamming distance of at least 12.
     ArucoMip36h12,
+    /// A dictionary that a user brings.
+    Custom(Dictionary),
 }
 
 /// Order of a word's bits over the modules.
@@ -55,7 +58,7 @@ pub(super) struct Word {
 }
 
 impl Family {
-    /// All families; of the dictionaries of one size only the largest, which begins with the
+    /// All built-in families; of the dictionaries of one size only the largest, which begins with the
     /// smaller ones.
     pub const ALL: [Self; 10] = [
         Self::Tag36h11,
@@ -76,6 +79,7 @@ impl Family {
             Self::Tag16h5 | Self::Aruco4x4(_) => 4,
             Self::Tag25h9 | Self::Aruco5x5(_) | Self::ArucoOriginal => 5,
             Self::Aruco7x7(_) => 7,
+            Self::Custom(dictionary) => dictionary.side(),
             Self::Tag36h11 | Self::Kalibr36h11 | Self::Aruco6x6(_) | Self::ArucoMip36h12 => 6,
         }
     }
@@ -119,6 +123,7 @@ impl Family {
             Self::Aruco7x7(n) => first(&ARUCO_7X7, n),
             Self::ArucoOriginal => &ARUCO_ORIGINAL,
             Self::ArucoMip36h12 => &MIP_36H12,
+            Self::Custom(dictionary) => dictionary.words(),
         }
     }
 
@@ -128,6 +133,7 @@ impl Family {
         match self {
             Self::Tag36h11 | Self::Kalibr36h11 | Self::Aruco6x6(_) | Self::ArucoMip36h12 => 2,
             Self::Aruco7x7(_) => 3,
+            Self::Custom(dictionary) => dictionary.max_wrong_bits(),
             Self::Tag25h9 | Self::Aruco5x5(_) => 1,
             Self::Tag16h5 | Self::Aruco4x4(_) | Self::ArucoOriginal => 0,
         }
@@ -170,14 +176,7 @@ impl Family {
                 let ring = (ring << quarter) | (ring >> (round - quarter));
                 ((ring & ((1 << round) - 1)) << odd) | middle
             }
-            Layout::Rows => {
-                let side = self.side();
-                (0..bits).fold(0, |rotated, bit| {
-                    let (x, y) = (bit % side, bit / side);
-                    let from = x * side + side - 1 - y;
-                    (rotated << 1) | ((word >> (bits - 1 - from)) & 1)
-                })
-            }
+            Layout::Rows => dictionary::rotated(word, self.side()),
         }
     }
 
@@ -236,15 +235,27 @@ const fn in_quarters(side: u32, bit: u32) -> (u32, u32) {
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error(
     "unknown family of tags `{0}`; use tag36h11, tag25h9, tag16h5, 4x4_50 (100, 250, 1000; also \
-     5x5, 6x6, 7x7), aruco_original or aruco_mip_36h12"
+     5x5, 6x6, 7x7), aruco_original, aruco_mip_36h12, or name the file of a dictionary in \
+     [registration] dictionaries"
 )]
 pub struct UnknownFamily(String);
 
 impl FromStr for Family {
     type Err = UnknownFamily;
 
-    /// Parses a displayed name or OpenCV's name: `DICT_4X4_50`, `DICT_APRILTAG_36h11`.
+    /// Parses a displayed name, that of a registered [`Dictionary`] too, or OpenCV's name:
+    /// `DICT_4X4_50`, `DICT_APRILTAG_36h11`.
     fn from_str(name: &str) -> Result<Self, UnknownFamily> {
+        let custom = || Dictionary::named(&name.to_ascii_lowercase()).map(Self::Custom);
+        Self::built_in(name)
+            .or_else(custom)
+            .ok_or_else(|| UnknownFamily(name.to_owned()))
+    }
+}
+
+impl Family {
+    /// Returns the built-in family of a name.
+    pub(super) fn built_in(name: &str) -> Option<Self> {
         let low = name.to_ascii_lowercase();
         let plain = low.strip_prefix("dict_").unwrap_or(&low);
         let tag = plain.strip_prefix("apriltag_").map(|t| format!("tag{t}"));
@@ -258,10 +269,7 @@ impl FromStr for Family {
             ]
         });
         let known = Self::ALL.into_iter().chain(sizes);
-        known
-            .into_iter()
-            .find(|f| f.to_string() == plain)
-            .ok_or_else(|| UnknownFamily(name.to_owned()))
+        known.into_iter().find(|f| f.to_string() == plain)
     }
 }
 
@@ -278,6 +286,7 @@ impl fmt::Display for Family {
             Self::Aruco7x7(n) => write!(f, "7x7_{n}"),
             Self::ArucoOriginal => f.write_str("aruco_original"),
             Self::ArucoMip36h12 => f.write_str("aruco_mip_36h12"),
+            Self::Custom(dictionary) => f.write_str(dictionary.name()),
         }
     }
 }

@@ -14,6 +14,7 @@ mod codes;
 mod contour;
 mod decode;
 mod detector;
+mod dictionary;
 mod edge;
 mod family;
 mod homography;
@@ -25,6 +26,7 @@ mod registrar;
 mod threshold;
 
 pub use detector::{Detector, TagObservation, read_predicted};
+pub use dictionary::{DICTIONARY_ENDINGS, Dictionary, DictionaryError, MAX_DICTIONARY_BYTES};
 pub use family::{Family, UnknownFamily};
 pub use ippe::{candidate_poses, nearest_pose};
 pub use map::{DuplicateTag, Tag, TagMap};

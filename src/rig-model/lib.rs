@@ -27,4 +27,5 @@ pub use files::{Attachments, RigFilesError};
 pub use header::{CalibrationFileError, DeviceRecord, Grade, Header, VERSION};
 pub use rig_json::{
     EnvironmentSource, Marker, ObjectPlacement, PhantomPlacement, RigDocument, RigJsonError,
+    rig_json_schema,
 };

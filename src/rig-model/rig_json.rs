@@ -6,27 +6,51 @@
 //! the structs of `cameras` and `objects`, whose `values` check their ranges; serde_path_to_error
 //! adds the complete path of the key to each `error`.
 
+/// Gives a type the schema of another one, from which it is converted.
+macro_rules! schema_of {
+    ($($type:ty => $fields:ty;)*) => { $(
+        impl schemars::JsonSchema for $type {
+            fn inline_schema() -> bool {
+                true
+            }
+
+            fn schema_name() -> std::borrow::Cow<'static, str> {
+                <$fields>::schema_name()
+            }
+
+            fn json_schema(generator: &mut schemars::SchemaGenerator) -> schemars::Schema {
+                <$fields>::json_schema(generator)
+            }
+        }
+    )* };
+}
+
 mod cameras;
 mod document;
 mod error;
 mod objects;
+mod schema;
 mod values;
 
 pub use document::{EnvironmentSource, Marker, ObjectPlacement, PhantomPlacement, RigDocument};
 pub use error::RigJsonError;
+pub use schema::rig_json_schema;
 
 use crate::RigCalibration;
 use cameras::{ChartEntry, EnvironmentCameraEntry, SceneCameraEntry, SphereEntry, TrackerEntry};
 use objects::{GroundEntry, LightsEntry, MarkerEntry, ObjectEntry, PhantomEntry};
+use schemars::JsonSchema;
 use serde::Deserialize;
 use values::List;
 
 /// Maximum size of the file, bytes.
 const MAX_FILE_BYTES: usize = 16 << 20;
 
-/// The root of the file.
-#[derive(Deserialize)]
+/// The owner's description of a rig. Lengths are metres, the world is right-handed with +Z up; `T_a_b`
+/// maps coordinates in b to a. Unknown keys are ignored.
+#[derive(Deserialize, JsonSchema)]
 #[serde(expecting = "an object with scene_camera")]
+#[schemars(title = "rig.json of Penumbra")]
 struct RigEntry {
     name: Option<String>,
     scene_camera: SceneCameraEntry,

@@ -10,10 +10,12 @@
 //!    (`registration`, `display`) and asks [`light`] for the light of the frame, for which frames of
 //!    a recording wait (`held_frames`); the result is a [`frame::PreparedFrame`].
 //! 4. [`runner`] takes it, and `run` sends it with the settings as one `FrameInput` through the
-//!    compositor to the outputs. `scenes` and `planes` exchange scene and bake between frames.
+//!    compositor to the outputs. `scenes` and `planes` exchange scene and bake between frames;
+//!    `scene_folder` offers other scenes.
 //! 5. `status` publishes the frame's figures; [`report`] sums them up after the run.
 //!
-//! Beside the frames: [`recorder`] writes deliveries into a session, [`service`] serves the status
+//! Beside the frames: [`recorder`] writes deliveries into a session, on request with the composited pictures
+//! (`composites`), [`service`] serves the status
 //! page, [`check`] checks the files of a configuration, and [`calibration_runner`] runs calibration steps on the same deliveries.
 //!
 //! Threads are started through `penumbra_interface::threads`: `prepare` (frames), `light::worker`
@@ -47,10 +49,13 @@ mod planes;
 mod playback;
 mod poses;
 pub mod prepare;
+mod rectifier;
 mod registration;
 mod reload;
 mod run;
 pub mod runner;
+mod scene_folder;
+mod scene_origin;
 mod scenes;
 
 // What is known of the run.
@@ -65,11 +70,13 @@ pub mod status;
 // Beside the frames.
 pub mod calibration_runner;
 pub mod check;
+mod composites;
 pub mod recorder;
 pub mod service;
 pub mod simulate;
 pub mod wall_date;
 
+pub use composites::Composites;
 pub use context::RunOptions;
 pub use damage::{DamagedPart, LostCounts};
 pub use error::RigError;

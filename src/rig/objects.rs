@@ -1,7 +1,7 @@
 //! Moves, turns and scales virtual objects on request. Rays through the picture's pixels are cast here,
 //! because the rig knows the lens and the camera's pose.
 
-use glam::{DVec2, DVec3};
+use glam::{DMat4, DVec2, DVec3};
 use penumbra_camera::PinholeCamera;
 use penumbra_interface::RigidTransform;
 use penumbra_scene::edit::{EDIT_SCALES, Edit, MAX_OFFSET};
@@ -79,11 +79,11 @@ impl ObjectEditor {
     }
 
     /// Replaces the scene of the files; returns it with the requested edits, and their number. Its
-    /// objects keep their edits if there are as many.
-    pub fn set_base(&self, base: Arc<Scene>) -> (u64, Arc<Scene>) {
+    /// objects keep their edits if `keeps_edits` and there are as many.
+    pub fn set_base(&self, base: Arc<Scene>, keeps_edits: bool) -> (u64, Arc<Scene>) {
         let mut state = self.lock();
         let count = base.object_list().len();
-        if state.edits.len() != count {
+        if state.edits.len() != count || !keeps_edits {
             state.edits = vec![Edit::default(); count];
         }
         state.base = base;
@@ -98,6 +98,14 @@ impl ObjectEditor {
         let (requested, base, edits) = (state.requested, state.base.clone(), state.edits.clone());
         drop(state);
         (requested != shown).then(|| (requested, Arc::new(base.edited(&edits))))
+    }
+
+    /// Returns the displacement of each object from its place in the scene's files, world.
+    pub fn displacements(&self) -> Vec<DMat4> {
+        let state = self.lock();
+        let (base, edits) = (state.base.clone(), state.edits.clone());
+        drop(state);
+        base.displacements(&edits)
     }
 
     fn publish(&self, state: &State) {

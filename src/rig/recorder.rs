@@ -1,6 +1,8 @@
-//! Records the events of a live rig into a session file, on its own thread. No other thread waits
-//! for it: events that arrive while its queue is full are dropped and counted.
+//! Records the events of a live rig into a session file, on its own thread, on request with the
+//! composited pictures. No other thread waits for it: events that arrive while its queue is full are
+//! dropped and counted.
 
+use crate::composites::{CompositeQueue, Composites, EncodedComposite};
 use crate::error::RigError;
 use crate::source::RigFiles;
 use crate::wall_date::utc_now;
@@ -31,6 +33,7 @@ const FLUSH_EVERY: Duration = Duration::from_millis(500);
 pub struct Recorder {
     hub: Arc<Hub>,
     files: Arc<RigFiles>,
+    composites: Arc<Composites>,
     config: RecordingConfig,
     status: Arc<SharedStatus>,
     running: Mutex<Option<Running>>,
@@ -43,62 +46,50 @@ struct Running {
 }
 
 impl Recorder {
-    /// Creates an idle recorder of the events of `hub`, with `files` as attachments.
+    /// Creates an idle recorder of the events of `hub` and of composited pictures, with files as
+    /// attachments.
     #[must_use]
     pub fn new(
         hub: Arc<Hub>,
-        files: Arc<RigFiles>,
+        (files, composites): (Arc<RigFiles>, Arc<Composites>),
         config: RecordingConfig,
         status: Arc<SharedStatus>,
     ) -> Arc<Self> {
         status.update(|s| {
             s.recording.state = RecordingState::Idle;
+            s.recording.composite = config.composite;
             "No recording is running.".clone_into(&mut s.recording.description);
         });
         Arc::new(Self {
             hub,
             files,
+            composites,
             config,
             status,
             running: Mutex::new(None),
         })
     }
 
-    /// Starts a recording into a new file at `path`, which ends after `max_duration`.
+    /// Starts a recording into a new file at `path`, which ends after `max_duration`; `composite`: with
+    /// the composited pictures.
     ///
     /// # Errors
     /// Another recording is running, the file exists or cannot be written, or the system cannot
     /// start a thread.
-    pub fn start(&self, path: &Path, max_duration: Option<Duration>) -> Result<(), RigError> {
+    pub fn start(
+        &self,
+        path: &Path,
+        max_duration: Option<Duration>,
+        composite: bool,
+    ) -> Result<(), RigError> {
         let mut running = self.running.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(busy) = running.as_ref().filter(|r| !r.thread.is_finished()) {
             return Err(RigError::Recording {
                 path: busy.path.clone(),
             });
         }
-        let configured = self.config.max_duration_nanos;
-        let configured = configured.map(|nanos| Duration::from_nanos(nanos.unsigned_abs()));
-        let writer = SessionWriter::create(path)?;
         let (events, queue) = bounded(QUEUE_CAPACITY);
-        let mut job = Job {
-            writer,
-            queue,
-            queued_bytes: Arc::default(),
-            dropped: Arc::default(),
-            hub: Arc::clone(&self.hub),
-            files: Arc::clone(&self.files),
-            status: Arc::clone(&self.status),
-            stop: Arc::default(),
-            path: path.to_owned(),
-            reserve_bytes: self.config.reserve_bytes,
-            max_duration: [configured, max_duration].into_iter().flatten().min(),
-            started: SystemClock.now(),
-            flushed: SystemClock.now(),
-            recording: Recording {
-                file: Some(path.display().to_string()),
-                ..Recording::default()
-            },
-        };
+        let mut job = self.job(path, max_duration, queue, composite)?;
         let stop = Arc::clone(&job.stop);
         let recorder_queue =
             RecorderQueue::new(events, job.queued_bytes.clone(), job.dropped.clone());
@@ -121,6 +112,42 @@ impl Recorder {
             thread,
         });
         Ok(())
+    }
+
+    /// Creates the file and what a recording needs.
+    fn job(
+        &self,
+        path: &Path,
+        max_duration: Option<Duration>,
+        queue: Receiver<SessionEvent>,
+        composite: bool,
+    ) -> Result<Job, RigError> {
+        let configured = self.config.max_duration_nanos;
+        let configured = configured.map(|nanos| Duration::from_nanos(nanos.unsigned_abs()));
+        let writer = SessionWriter::create(path)?;
+        let composites = composite.then(|| self.composites.start()).transpose();
+        let composites = composites.map_err(|source| RigError::Thread { source })?;
+        Ok(Job {
+            writer,
+            queue,
+            composites,
+            queued_bytes: Arc::default(),
+            dropped: Arc::default(),
+            hub: Arc::clone(&self.hub),
+            files: Arc::clone(&self.files),
+            status: Arc::clone(&self.status),
+            stop: Arc::default(),
+            path: path.to_owned(),
+            reserve_bytes: self.config.reserve_bytes,
+            max_duration: [configured, max_duration].into_iter().flatten().min(),
+            started: SystemClock.now(),
+            flushed: SystemClock.now(),
+            recording: Recording {
+                file: Some(path.display().to_string()),
+                composite,
+                ..Recording::default()
+            },
+        })
     }
 
     /// Finishes the running recording and returns its final status; `None` if there is none.
@@ -163,10 +190,12 @@ impl RecordingControl for Recorder {
         }
         let path = self.recording_path(request.file.as_deref())?;
         let max_duration = request.seconds.map(Duration::from_secs_f64);
-        match self.start(&path, max_duration) {
+        let composite = request.composite.unwrap_or(self.config.composite);
+        match self.start(&path, max_duration, composite) {
             Ok(()) => Ok(Recording {
                 state: RecordingState::Recording,
                 file: Some(path.display().to_string()),
+                composite,
                 ..Recording::default()
             }),
             Err(RigError::Recording { path }) => Err(RecordingRefusal::Busy {
@@ -193,6 +222,7 @@ enum End {
 struct Job {
     writer: SessionWriter<BufWriter<File>>,
     queue: Receiver<SessionEvent>,
+    composites: Option<CompositeQueue>,
     queued_bytes: Arc<AtomicU64>,
     dropped: Arc<AtomicU64>,
     hub: Arc<Hub>,
@@ -234,6 +264,7 @@ impl Job {
                 Err(RecvTimeoutError::Timeout) => (),
                 Err(RecvTimeoutError::Disconnected) => return Ok(End::Regular("Finished.")),
             }
+            self.write_composites()?;
             let now = SystemClock.now();
             if now >= self.flushed + FLUSH_EVERY {
                 self.flushed = now;
@@ -267,10 +298,47 @@ impl Job {
         Ok(())
     }
 
-    /// Writes the events that are still queued; the hub sends no more.
+    /// Writes the composited pictures that are encoded.
+    fn write_composites(&mut self) -> Result<(), SessionError> {
+        let next = |job: &Self| job.composites.as_ref()?.encoded.try_recv().ok();
+        while let Some(composite) = next(self) {
+            self.write_composite(composite)?;
+        }
+        Ok(())
+    }
+
+    fn write_composite(&mut self, composite: EncodedComposite) -> Result<(), SessionError> {
+        let EncodedComposite {
+            jpeg,
+            captured_at,
+            composed_at,
+        } = composite;
+        match self.writer.composite(jpeg, captured_at, composed_at) {
+            Ok(()) => self.recording.composites += 1,
+            Err(SessionError::Unrecordable { .. }) => {
+                self.composites.iter().for_each(CompositeQueue::drop_one);
+            }
+            Err(error) => return Err(error),
+        }
+        Ok(())
+    }
+
+    /// Writes the events that are still queued, of which there will be no more, and the composited
+    /// pictures that are still being encoded.
     fn drain(&mut self) -> Result<(), SessionError> {
         while let Ok(event) = self.queue.try_recv() {
             self.write(&event)?;
+        }
+        self.composites.iter().for_each(CompositeQueue::close);
+        let next = |job: &Self| {
+            job.composites
+                .as_ref()?
+                .encoded
+                .recv_timeout(FLUSH_EVERY)
+                .ok()
+        };
+        while let Some(composite) = next(self) {
+            self.write_composite(composite)?;
         }
         Ok(())
     }
@@ -315,7 +383,9 @@ impl Job {
         recording.bytes = size_of_file(&self.path);
         recording.seconds = SystemClock.now().seconds_since(self.started);
         recording.dropped = self.dropped.load(Ordering::Relaxed);
+        recording.composites_dropped = self.composites.as_ref().map_or(0, CompositeQueue::dropped);
         recording.free_bytes = free_bytes(&self.path);
+        recording.bytes_per_second = bytes_per_second(recording);
         recording.seconds_left = seconds_left(recording, self.reserve_bytes, self.max_duration);
     }
 
@@ -339,15 +409,21 @@ fn seconds_left(
     reserve: u64,
     max_duration: Option<Duration>,
 ) -> Option<f64> {
-    let rate = recording.bytes as f64 / recording.seconds;
     let free = recording.free_bytes?.saturating_sub(reserve) as f64;
-    let until_full = (recording.seconds > 1.0 && rate > 0.0).then(|| free / rate);
+    let rate = bytes_per_second(recording).filter(|rate| *rate > 0.0);
+    let until_full = rate.map(|rate| free / rate);
     let until_full = until_full.filter(|seconds| *seconds <= MAX_SECONDS_LEFT);
     let until_end = max_duration.map(|max| (max.as_secs_f64() - recording.seconds).max(0.0));
     [until_full, until_end]
         .into_iter()
         .flatten()
         .reduce(f64::min)
+}
+
+/// Returns the mean data rate; `None` in the first second.
+fn bytes_per_second(recording: &Recording) -> Option<f64> {
+    let seconds = recording.seconds;
+    (seconds > 1.0).then(|| recording.bytes as f64 / seconds)
 }
 
 fn write_error_message(error: &SessionError) -> String {

@@ -1,16 +1,16 @@
-//! Watches the scene file and the models that it names, and prepares a changed scene on its own
-//! thread. If the changed scene cannot be read, the current scene stays.
+//! Watches the scene file and the models that it names, and prepares a changed scene, or another one
+//! that a user has chosen, on its own thread. If it cannot be read, the current scene stays.
 
 use crate::error::RigError;
 use crate::light::scene_tables::SceneLight;
 use crate::objects::ObjectEditor;
+use crate::scene_origin::{RigScenes, SavedScene, SceneOrigin};
 use crossbeam_channel::{Receiver, RecvTimeoutError, Sender, bounded};
 use penumbra_compositor::{Compositor, SceneUploader, UploadedScene};
 use penumbra_config::Config;
 use penumbra_interface::threads;
 use penumbra_rig_model::RigCalibration;
-use penumbra_scene::scene_file::files_of;
-use penumbra_scene::{Scene, SceneAddition, casters};
+use penumbra_scene::{Scene, casters};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
@@ -31,6 +31,25 @@ pub(super) struct Loaded {
     pub edits: u64,
     /// Whether only objects were displaced, and no file has changed.
     pub is_edit: bool,
+    /// What it is read from.
+    pub origin: SceneOrigin,
+}
+
+/// A user's request.
+pub(super) enum SceneJob {
+    /// Another scene is to be shown.
+    Show {
+        origin: SceneOrigin,
+        /// Receives why it cannot be shown.
+        answer: Sender<Result<(), String>>,
+    },
+    /// The scene is to be saved with its objects where they are.
+    Save {
+        /// Name of its file without the ending.
+        stem: String,
+        /// Receives the content of its files, or why there is none.
+        answer: Sender<Result<SavedScene, String>>,
+    },
 }
 
 impl Loaded {
@@ -62,12 +81,14 @@ pub(super) enum ReloadOutcome {
 
 /// Inputs of the reload thread.
 pub(super) struct Origin {
-    /// The scene file, if there is one.
-    pub path: Option<PathBuf>,
+    /// What the scene is read from.
+    pub scene: SceneOrigin,
+    /// Users' requests.
+    pub jobs: Receiver<SceneJob>,
     /// Displaces the objects.
     pub editor: Arc<ObjectEditor>,
-    /// The session's scene without virtual objects.
-    pub phantoms: Scene,
+    /// The scenes of the rig's own files.
+    pub rig_scenes: RigScenes,
     /// The scene that was loaded last.
     pub shown: Arc<Scene>,
     pub rig: RigCalibration,
@@ -102,6 +123,7 @@ impl Reload {
                 intervals = intervals.wrapping_add(1);
                 let polls = intervals.is_multiple_of(FILES_EVERY);
                 let changed = polls.then(|| watcher.poll()).flatten();
+                let changed = changed.or_else(|| watcher.poll_jobs());
                 if let Some(outcome) = changed.or_else(|| watcher.poll_edits())
                     && sender.send(outcome).is_err()
                 {
@@ -155,7 +177,7 @@ struct FileWatcher {
 
 impl FileWatcher {
     fn new(origin: Origin) -> Self {
-        let files = origin.path.as_deref().map(files_of).unwrap_or_default();
+        let files = origin.scene.files();
         let stamps = stamps(&files);
         Self {
             origin,
@@ -174,30 +196,80 @@ impl FileWatcher {
         if !is_stable || self.polled == self.read {
             return None;
         }
-        let path = self.origin.path.clone()?;
-        self.files = files_of(&path);
+        self.remember_files();
+        let outcome = self.load(self.origin.scene.clone());
+        Some(outcome.unwrap_or_else(|error| ReloadOutcome::Failed(error.to_string())))
+    }
+
+    /// Remembers the files of the scene as they are now.
+    fn remember_files(&mut self) {
+        self.files = self.origin.scene.files();
         self.read = stamps(&self.files);
         self.polled.clone_from(&self.read);
-        let outcome = self.load(&path);
-        Some(outcome.unwrap_or_else(|error| ReloadOutcome::Failed(error.to_string())))
+    }
+
+    /// Carries out a user's request.
+    fn poll_jobs(&mut self) -> Option<ReloadOutcome> {
+        match self.origin.jobs.try_recv().ok()? {
+            SceneJob::Show { origin, answer } => self.show(origin, &answer),
+            SceneJob::Save { stem, answer } => {
+                let Origin {
+                    scene,
+                    rig_scenes,
+                    editor,
+                    ..
+                } = &self.origin;
+                let saved = scene.saved(rig_scenes, &editor.displacements(), &stem);
+                let _ = answer.send(saved);
+                None
+            }
+        }
+    }
+
+    /// Prepares the scene that a user has chosen; from then on its files are polled.
+    fn show(
+        &mut self,
+        origin: SceneOrigin,
+        answers: &Sender<Result<(), String>>,
+    ) -> Option<ReloadOutcome> {
+        let (answer, outcome) = match self.load(origin.clone()) {
+            Ok(outcome) => {
+                self.origin.scene = origin;
+                self.remember_files();
+                (Ok(()), Some(outcome))
+            }
+            Err(error) => (Err(error.to_string()), None),
+        };
+        // Whoever has asked may have stopped waiting; then the status shows the reason.
+        let unheard = answers
+            .send(answer)
+            .err()
+            .and_then(|e| e.into_inner().err());
+        outcome.or_else(|| unheard.map(ReloadOutcome::Failed))
     }
 
     /// Prepares the scene with the newest places of its objects, if they have changed.
     fn poll_edits(&mut self) -> Option<ReloadOutcome> {
         let (number, scene) = self.origin.editor.newer_than(self.edits)?;
         self.edits = number;
-        let outcome = self.prepare(scene, true);
+        let outcome = self.prepare(scene, self.origin.scene.clone(), true);
         Some(outcome.unwrap_or_else(|error| ReloadOutcome::Failed(error.to_string())))
     }
 
-    fn load(&mut self, path: &Path) -> Result<ReloadOutcome, RigError> {
-        let scene = SceneAddition::load(path)?.onto(self.origin.phantoms.clone());
-        let (number, scene) = self.origin.editor.set_base(Arc::new(scene));
+    fn load(&mut self, origin: SceneOrigin) -> Result<ReloadOutcome, RigError> {
+        let scene = origin.load(&self.origin.rig_scenes)?;
+        let keeps_edits = origin == self.origin.scene;
+        let (number, scene) = self.origin.editor.set_base(Arc::new(scene), keeps_edits);
         self.edits = number;
-        self.prepare(scene, false)
+        self.prepare(scene, origin, false)
     }
 
-    fn prepare(&mut self, scene: Arc<Scene>, is_edit: bool) -> Result<ReloadOutcome, RigError> {
+    fn prepare(
+        &mut self,
+        scene: Arc<Scene>,
+        scene_origin: SceneOrigin,
+        is_edit: bool,
+    ) -> Result<ReloadOutcome, RigError> {
         let origin = &mut self.origin;
         let casters = casters(&scene);
         let both = (&*origin.shown, &*scene);
@@ -212,6 +284,7 @@ impl FileWatcher {
             light,
             edits: self.edits,
             is_edit,
+            origin: scene_origin,
         })))
     }
 }

@@ -2,6 +2,7 @@
 
 mod recovery;
 
+use crate::composites::Composites;
 use crate::context::RunContext;
 use crate::damage::DamageLog;
 use crate::display::DisplayLatency;
@@ -16,6 +17,7 @@ use crate::planes::PlaneBakes;
 use crate::playback::HOLD_INTERVAL;
 use crate::poses::PoseFile;
 use crate::rates::Rates;
+use crate::rectifier::Rectifier;
 use crate::report::{FrameCounts, InputCounts, Report, SkewMeter};
 use crate::scenes::Scenes;
 use crate::settings::{compositor_settings, exposure, live_settings, look};
@@ -33,9 +35,10 @@ use penumbra_picture::Picture;
 use penumbra_scene::PlacedLamp;
 use penumbra_status::RegistrationSource;
 use penumbra_status::snapshot::SessionState;
-use penumbra_status::{Playback, Settings, SharedStatus, StageTimes};
+use penumbra_status::{Playback, Settings, StageTimes};
 use penumbra_sync::Provenance;
 use penumbra_tracker_serial::freed::{FreedSender, Lens, optical_to_studio};
+use std::cell::OnceCell;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -66,22 +69,19 @@ fn compositor(context: &RunContext, gpu: Gpu, writes_files: bool) -> Compositor 
     compositor
 }
 
-/// Publishes a composed picture with the camera's picture of the same frame below it.
-fn publish_pair(status: &SharedStatus, composed: &Picture, camera: &Picture) {
-    if (composed.width, composed.height) != (camera.width, camera.height) {
-        return;
+/// Returns where a recording wants the composited pictures.
+fn composites(source: &Source) -> Option<&Composites> {
+    match source {
+        Source::Live(live) => Some(&*live.composites).filter(|c| c.wanted()),
+        Source::Recorded(_) => None,
     }
-    let rgba = [composed.rgba.as_slice(), camera.rgba.as_slice()].concat();
-    status.publish_pair(Arc::new(Picture {
-        width: composed.width,
-        height: 2 * composed.height,
-        rgba,
-    }));
 }
 
 /// The state of a run.
 pub(super) struct Run {
     compositor: Compositor,
+    /// Undistorts the camera's picture for comparisons with the undistorted composite.
+    rectifier: OnceCell<Rectifier>,
     screen: Option<Box<dyn Screen>>,
     folder: Option<FrameFolder>,
     pose_out: Option<FreedSender>,
@@ -148,6 +148,7 @@ impl Run {
         } = outputs;
         Ok(Self {
             compositor,
+            rectifier: OnceCell::new(),
             scenes,
             screen,
             folder,
@@ -430,26 +431,35 @@ impl Run {
         let arrived_at = prepared.frame.scene.arrived_at;
         self.display_latency
             .add(SystemClock.now().nanos_since(arrived_at));
-        let has_viewer = context.status.wants_picture();
+        let composites = composites(&context.source);
+        let has_viewer = context.status.wants_picture() || composites.is_some();
         let compares = context.status.wants_pair();
+        let captured_at = prepared.frame.captured_at;
+        let publish = |picture: Picture| {
+            let picture = Arc::new(picture);
+            if let Some(composites) = composites {
+                composites.offer(&picture, captured_at);
+            }
+            context.status.publish_picture(picture);
+        };
         if let Some(folder) = &self.folder {
             let mut picture = folder.spare();
             self.compositor.read(&mut picture)?;
             if compares {
-                publish_pair(&context.status, &picture, &prepared.picture);
+                self.publish_pair(context, &picture, &prepared.picture);
             }
             if has_viewer {
-                context.status.publish_picture(Arc::new(picture.clone()));
+                publish(picture.clone());
             }
             folder.write(prepared.index, picture);
         } else if has_viewer || compares {
             let mut picture = Picture::default();
             self.compositor.read(&mut picture)?;
             if compares {
-                publish_pair(&context.status, &picture, &prepared.picture);
+                self.publish_pair(context, &picture, &prepared.picture);
             }
             if has_viewer {
-                context.status.publish_picture(Arc::new(picture));
+                publish(picture);
             }
         } else {
             self.compositor.gpu().wait()?;
@@ -463,6 +473,29 @@ impl Run {
         if let (Some(sender), Some(pose)) = (&self.pose_out, prepared.world_from_camera) {
             let _ = sender.send(optical_to_studio(pose), Lens::default());
         }
+    }
+
+    /// Publishes a composed picture with the camera's picture of the same frame below it, undistorted
+    /// if the composed one is.
+    fn publish_pair(&self, context: &RunContext, composed: &Picture, camera: &Picture) {
+        if (composed.width, composed.height) != (camera.width, camera.height) {
+            return;
+        }
+        let mut rgba = Vec::with_capacity(composed.rgba.len() + camera.rgba.len());
+        rgba.extend_from_slice(&composed.rgba);
+        match context.config.registration.distortion {
+            Distortion::Camera => rgba.extend_from_slice(&camera.rgba),
+            Distortion::Undistorted => {
+                let lens = &context.setup.calibration.scene_camera.camera;
+                let rectifier = self.rectifier.get_or_init(|| Rectifier::new(lens));
+                rectifier.append(camera, &mut rgba);
+            }
+        }
+        context.status.publish_pair(Arc::new(Picture {
+            width: composed.width,
+            height: 2 * composed.height,
+            rgba,
+        }));
     }
 
     fn publish_picture(&self, context: &RunContext) -> Result<(), RigError> {

@@ -5,15 +5,17 @@ use crate::error::RigError;
 use crate::light::updates::SceneUpdates;
 use crate::objects::{self, ObjectEditor};
 use crate::planes::PlaneBakes;
-use crate::reload::{Loaded, Origin, Reload, ReloadOutcome};
-use crate::setup::RigSetup;
+use crate::reload::{Loaded, Origin, Reload, ReloadOutcome, SceneJob};
+use crate::scene_folder::ScenesOnDisk;
+use crate::scene_origin::{RigScenes, SceneOrigin};
+use crate::status::UNCALIBRATED;
+use crossbeam_channel::{Receiver, bounded};
 use glam::DQuat;
 use penumbra_compositor::{Compositor, fitted, max_side};
-use penumbra_config::{Config, Distortion};
+use penumbra_config::Distortion;
 use penumbra_interface::RigidTransform;
 use penumbra_lighting::Lighting;
 use penumbra_scene::Scene;
-use penumbra_scene::SceneChoice;
 use penumbra_status::{SceneStatus, Settings};
 use std::sync::{Arc, Mutex};
 
@@ -22,7 +24,7 @@ pub(super) struct Scenes {
     shown: Arc<Scene>,
     /// The next scene, whose bake is not ready yet.
     next: Option<Box<Loaded>>,
-    reload: Option<Reload>,
+    reload: Reload,
     editor: Arc<ObjectEditor>,
     scene_updates: SceneUpdates,
     dome_rotation: DQuat,
@@ -44,28 +46,19 @@ impl Scenes {
         let shown = Arc::new(scene.clone());
         let mut status = SceneStatus::default();
         let editor = object_editor(context, shown.clone());
-        let path = match &context.config.scene {
-            SceneChoice::File(path) => Some(path.clone()),
-            SceneChoice::Session | SceneChoice::None => None,
-        };
-        status.file = path.as_ref().map(|path| path.display().to_string());
-        let reload = if path.is_some() || !shown.virtual_parts.is_empty() {
-            let without = Config {
-                scene: SceneChoice::None,
-                ..context.config.clone()
-            };
-            Some(Reload::start(Origin {
-                path,
-                editor: editor.clone(),
-                phantoms: RigSetup::read(&context.source, &without)?.scene,
-                shown: shown.clone(),
-                rig: context.setup.calibration.clone(),
-                config: context.config.clone(),
-                uploader: Arc::new(Mutex::new(compositor.uploader())),
-            })?)
-        } else {
-            None
-        };
+        let origin = SceneOrigin::of(&context.config.scene);
+        status.file = origin.label();
+        let rig_scenes = RigScenes::new(&context.source, &context.config)?;
+        let reload = Reload::start(Origin {
+            scene: origin,
+            jobs: scene_jobs(context, &rig_scenes),
+            editor: editor.clone(),
+            rig_scenes,
+            shown: shown.clone(),
+            rig: context.setup.calibration.clone(),
+            config: context.config.clone(),
+            uploader: Arc::new(Mutex::new(compositor.uploader())),
+        })?;
         publish_warnings(context, &shown, compositor);
         Ok(Self {
             shown,
@@ -84,9 +77,7 @@ impl Scenes {
         if let Some(next) = &mut self.next {
             next.upload_to(compositor);
         }
-        if let Some(reload) = &self.reload {
-            reload.set_uploader(compositor.uploader());
-        }
+        self.reload.set_uploader(compositor.uploader());
     }
 
     /// Returns the rendered scene.
@@ -114,7 +105,7 @@ impl Scenes {
         planes: &mut PlaneBakes,
         compositor: &mut Compositor,
     ) -> Result<(), RigError> {
-        match self.reload.as_ref().and_then(Reload::poll) {
+        match self.reload.poll() {
             Some(ReloadOutcome::Loaded(mut loaded)) => {
                 loaded.upload_to(compositor);
                 self.set_next(context, loaded);
@@ -134,6 +125,7 @@ impl Scenes {
             objects::shown(&context.status, next.edits);
             if !next.is_edit {
                 self.status.loads += 1;
+                self.status.file = next.origin.label();
                 context.status.update(|s| {
                     let large = large_textures(&old, compositor);
                     let warnings = old.warnings.iter().chain(&large);
@@ -171,6 +163,16 @@ impl Scenes {
             context.status.update(|s| s.clear_warning(&reason));
         }
     }
+}
+
+/// Offers the folder of scenes to users; returns their requests.
+fn scene_jobs(context: &RunContext, rig_scenes: &RigScenes) -> Receiver<SceneJob> {
+    let (sender, jobs) = bounded(1);
+    let closed = (!context.setup.calibrated).then(|| UNCALIBRATED.to_owned());
+    let own = (closed, rig_scenes.has_own());
+    let folder = ScenesOnDisk::new(&context.config, &context.status, own, sender);
+    context.status.set_scene_control(folder);
+    jobs
 }
 
 /// Creates the editor of the objects' places and hands requests to it.

@@ -52,11 +52,7 @@ impl RigSetup {
     /// A calibration, object or scene file is missing or invalid.
     pub fn read(source: &Source, config: &Config) -> Result<Self, RigError> {
         let attachments = |name: &str| source.attachment(name);
-        let mut document = source.document(config)?;
-        let camera_recorded = source.has_environment();
-        document
-            .select_environment(config.environment.source, camera_recorded)
-            .map_err(RigFilesError::from)?;
+        let document = rig_document(source, config)?;
         let scene = document.chosen_scene(&config.scene, &attachments)?;
         let mut calibration = calibration(&document, config);
         let has_tracker = calibration.tracker.is_some();
@@ -99,6 +95,19 @@ impl RigSetup {
         let sensor = transmitter_from_sensor;
         tracker.map_or(sensor, |t| t.world_from_scene_camera(sensor))
     }
+}
+
+/// Reads the description of the rig, with the configured source of light.
+///
+/// # Errors
+/// A file of the rig is invalid, or the rig lacks that source.
+pub(crate) fn rig_document(source: &Source, config: &Config) -> Result<RigDocument, RigError> {
+    let mut document = source.document(config)?;
+    let camera_recorded = source.has_environment();
+    document
+        .select_environment(config.environment.source, camera_recorded)
+        .map_err(RigFilesError::from)?;
+    Ok(document)
 }
 
 /// Assumed pose noise of a tracker that does not report any: metres, radians (1σ).

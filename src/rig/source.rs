@@ -1,5 +1,6 @@
 //! The source of frames: a recording or live devices.
 
+use crate::composites::Composites;
 use crate::error::RigError;
 use penumbra_capture::{Capture, Devices, Hub, LiveDevice};
 use penumbra_config::TrackerSource;
@@ -35,6 +36,8 @@ pub struct Live {
     capture: Arc<OnceLock<Capture>>,
     /// Files of the rig: calibration, phantoms, objects.
     pub files: Arc<RigFiles>,
+    /// Composited pictures for the recorder.
+    pub composites: Arc<Composites>,
 }
 
 /// Observes the devices of a [`Live`] without keeping them open.
@@ -154,6 +157,7 @@ impl Live {
             devices: Arc::new(devices),
             capture: Arc::default(),
             files: Arc::new(files),
+            composites: Arc::default(),
         })
     }
 
@@ -214,6 +218,14 @@ impl Source {
         match self {
             Self::Recorded(session) => session.attachment(name),
             Self::Live(live) => live.files.get(name),
+        }
+    }
+
+    /// Returns the files of the rig.
+    pub(super) fn files(&self) -> RigFiles {
+        match self {
+            Self::Recorded(session) => RigFiles(session.attachments().to_vec()),
+            Self::Live(live) => RigFiles::clone(&live.files),
         }
     }
 

@@ -106,7 +106,7 @@ fn adapter(gpu: &Gpu) -> Adapter {
 }
 
 /// Warning of a live rig without a calibration.
-const UNCALIBRATED: &str = "the rig is not calibrated, so no virtual objects are shown; set \
+pub(super) const UNCALIBRATED: &str = "the rig is not calibrated, so no virtual objects are shown; set \
     `[calibration] from` to the folder of its calibration";
 
 /// Publishes the state of a live rig while no picture arrives.

@@ -4,6 +4,7 @@ use crate::mesh::Part;
 use crate::motion::{Motion, Mover};
 use crate::scene::Scene;
 use glam::{DMat4, DVec3};
+use std::iter::repeat;
 use std::ops::{Range, RangeInclusive};
 
 /// Scales that an [`Edit`] may have.
@@ -72,14 +73,28 @@ impl Scene {
     #[must_use]
     pub fn edited(&self, edits: &[Edit]) -> Self {
         let mut scene = self.clone();
-        for (object, edit) in self.object_list().iter().zip(edits) {
-            if *edit != Edit::default() {
-                let parts = self.virtual_parts.get(object.parts.clone());
-                let base = middle_of_base(parts.unwrap_or_default());
-                scene.displace(object, edit.to_matrix(base));
+        let displacements = self.displacements(edits);
+        for (object, by) in self.object_list().iter().zip(displacements) {
+            if by != DMat4::IDENTITY {
+                scene.displace(object, by);
             }
         }
         scene
+    }
+
+    /// Returns the displacement of each object by `edits`, world; the identity without an edit.
+    #[must_use]
+    pub fn displacements(&self, edits: &[Edit]) -> Vec<DMat4> {
+        let edits = edits.iter().copied().chain(repeat(Edit::default()));
+        let objects = self.object_list().into_iter().zip(edits);
+        let displacement = |(object, edit): (SceneObject, Edit)| {
+            if edit == Edit::default() {
+                return DMat4::IDENTITY;
+            }
+            let parts = self.virtual_parts.get(object.parts);
+            edit.to_matrix(middle_of_base(parts.unwrap_or_default()))
+        };
+        objects.map(displacement).collect()
     }
 
     fn displace(&mut self, object: &SceneObject, by: DMat4) {

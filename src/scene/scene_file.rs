@@ -118,11 +118,12 @@ use penumbra_interface::RigidTransform;
 use penumbra_strict_toml::{Fault, TomlText};
 use placed::Placed;
 use std::collections::HashSet;
-use std::path::{Path, PathBuf};
+use std::path::{Component, Path, PathBuf};
 use std::sync::Arc;
 use typed::{Entry, Ground, SceneFile, Shape};
 
 mod area;
+mod displaced;
 mod lamp;
 mod material;
 mod motion;
@@ -130,6 +131,8 @@ mod place;
 mod placed;
 mod plane;
 mod typed;
+
+pub use displaced::{displaced_text, model_text};
 
 /// Maximum number of objects or phantoms of a file.
 const MAX_ENTRIES: usize = 1000;
@@ -169,8 +172,29 @@ impl SceneAddition {
         Self::read(&text, path.parent().unwrap_or(Path::new("")))
     }
 
+    /// Reads a scene of one object: a model, at the origin of the world.
+    ///
+    /// # Errors
+    /// The model cannot be read or is invalid, or it has lamps, whose units need a scene file.
+    pub fn load_model(path: &Path) -> Result<Self, SceneError> {
+        let name = path.file_name().unwrap_or_default().to_string_lossy();
+        let object = Entry {
+            file: Some(name.into_owned()),
+            ..Entry::default()
+        };
+        let file = SceneFile {
+            object: vec![object],
+            ..SceneFile::default()
+        };
+        let text = TomlText::new(path.display().to_string(), "");
+        Self::convert(file, &text, path.parent().unwrap_or(Path::new("")))
+    }
+
     fn read(text: &TomlText, folder: &Path) -> Result<Self, SceneError> {
-        let file: SceneFile = text.parse()?;
+        Self::convert(text.parse()?, text, folder)
+    }
+
+    fn convert(file: SceneFile, text: &TomlText, folder: &Path) -> Result<Self, SceneError> {
         let located = |fault: Fault| SceneError::from(text.locate(fault));
         let model = file.model.as_ref().map(|m| m.placement("model"));
         let model = model.transpose().map_err(located)?;
@@ -278,6 +302,45 @@ pub fn files_of(path: &Path) -> Vec<PathBuf> {
     let mut known = HashSet::new();
     files.retain(|file| known.insert(file.clone()));
     files
+}
+
+/// Returns the model at `path` and the files that it names, whether they exist or not.
+#[must_use]
+pub fn files_of_model(path: &Path) -> Vec<PathBuf> {
+    let mut files = vec![path.to_owned()];
+    files.extend(files_of_gltf(path));
+    files
+}
+
+/// Reads a PNG or JPEG as a texture would be.
+///
+/// # Errors
+/// The file cannot be read, is neither, damaged or too large.
+pub fn check_texture(path: &Path) -> Result<(), SceneError> {
+    material::check_texture(path)
+}
+
+/// Returns the first file that the scene file or model at `path` names outside of its folder, links
+/// followed. Files that do not exist are left to the loaders.
+#[must_use]
+pub fn file_outside(path: &Path) -> Option<PathBuf> {
+    let folder = match path.parent() {
+        Some(folder) if !folder.as_os_str().is_empty() => folder,
+        _ => Path::new("."),
+    };
+    let home = folder.canonicalize().ok()?;
+    let is_scene = path
+        .extension()
+        .is_some_and(|e| e.eq_ignore_ascii_case("toml"));
+    let named = if is_scene {
+        files_of(path)
+    } else {
+        files_of_model(path)
+    };
+    named.into_iter().find(|file| match file.canonicalize() {
+        Ok(file) => !file.starts_with(&home),
+        Err(_) => file.components().any(|c| c == Component::ParentDir),
+    })
 }
 
 fn refuse_phantom_keys(entry: &Entry, at: &str) -> Result<(), Fault> {

@@ -6,7 +6,7 @@
 //! a session, [`describe`] summarises one.
 //!
 //! Modules in the order of the data flow. Writing: `topics` (names of the streams), `messages`,
-//! `tracker_message` and `journal` (their contents), `writer`, `sink` (the file's errors). Reading:
+//! `tracker_message` and `journal` (their contents), `writer`, `views` (what viewers need), `sink` (the file's errors). Reading:
 //! `records` (MCAP's records), `container` (chunks and attachments of a file), `loss` (what a damaged
 //! part held), `reader`, `events` (messages in the order of arrival), `info` (statistics).
 //!
@@ -20,6 +20,7 @@
 //! | `…/calibration` | `foxglove.CameraCalibration` | for viewers; Penumbra reads the attachment `rig.json` |
 //! | `/tracker/bytes` | `penumbra.TrackerBytes` | raw bytes as received; the channel metadata `protocol` names their protocol |
 //! | `/tracker/pose` | `foxglove.FrameTransform` | poses of a tracker that is not a byte stream |
+//! | `/composite/image` | `foxglove.CompressedImage` | composited pictures of a live rig, on request, for viewers; not read back |
 //! | `/rig/journal` | `penumbra.Journal` (JSON) | how the live rig processed the streams; such a file is in the order of arrival |
 //! | `/tf` | `foxglove.FrameTransform` | the decoded frame tree, for viewers; not read back |
 
@@ -35,6 +36,7 @@ mod records;
 mod sink;
 mod topics;
 mod tracker_message;
+mod views;
 mod writer;
 
 pub mod import;
@@ -47,6 +49,7 @@ pub use journal::LightRecord;
 pub use loss::LostMessages;
 pub use reader::Session;
 pub use topics::Camera;
+pub use views::RigViews;
 pub use writer::SessionWriter;
 
 #[cfg(test)]

@@ -67,6 +67,16 @@ pub(super) fn compressed_image(camera: Camera, frame: &Frame, stamp: Timestamp) 
     }
 }
 
+/// A composited picture; it shows what the scene camera sees.
+pub(super) fn composite_image(jpeg: Bytes, stamp: Timestamp) -> CompressedImage {
+    CompressedImage {
+        timestamp: Some(stamp),
+        frame_id: Camera::Scene.frame_id().to_owned(),
+        data: jpeg,
+        format: "jpeg".to_owned(),
+    }
+}
+
 pub(super) fn raw_image(camera: Camera, frame: &Frame, stamp: Timestamp) -> RawImage {
     let (encoding, tight) = match frame.format {
         PixelFormat::Yuyv => ("yuyv", frame.width.saturating_mul(2)),

@@ -54,6 +54,8 @@ pub(super) const TRACKER_BYTES: &str = "/tracker/bytes";
 pub(super) const TRACKER_POSE: &str = "/tracker/pose";
 /// The frame tree, for viewers.
 pub(super) const FRAME_TREE: &str = "/tf";
+/// Composited pictures, for viewers.
+pub(super) const COMPOSITE: &str = "/composite/image";
 /// Channel metadata: stops relative to the base exposure.
 pub(super) const BRACKET_EV: &str = "bracket_ev";
 /// Channel metadata: the tracker's protocol.

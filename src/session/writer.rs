@@ -9,6 +9,7 @@ use super::messages::{self, ExposureMessage};
 use super::sink::{Sink, Watched};
 use super::topics::{self, BRACKET_EV, Camera, PROTOCOL};
 use super::tracker_message;
+use bytes::Bytes;
 use foxglove::messages::{CameraCalibration, CompressedImage, RawImage};
 use foxglove::{Encode, Schema};
 use mcap::records::{AttachmentHeader, MessageHeader};
@@ -137,6 +138,31 @@ impl<W: Write + Seek> SessionWriter<W> {
         };
         // The low half of the counter; the exposure message has the full counter.
         self.message(channel, &topic, frame.sequence as u32, times, &bytes)
+    }
+
+    /// Records a composited picture, a JPEG, for viewers; it is not read back. `captured_at` is that of
+    /// the scene camera's picture in it.
+    ///
+    /// # Errors
+    /// If a time is before the clock's zero, or nothing can be written.
+    pub fn composite(
+        &mut self,
+        jpeg: Bytes,
+        captured_at: MonotonicTime,
+        composed_at: MonotonicTime,
+    ) -> Result<(), SessionError> {
+        let topic = topics::COMPOSITE;
+        let stamp = messages::timestamp(captured_at)
+            .ok_or_else(|| self.unrecordable(topic, "its capture time is before zero"))?;
+        let image = messages::composite_image(jpeg, stamp);
+        let bytes = messages::encode(&image).map_err(|reason| self.unrecordable(topic, &reason))?;
+        let schema = CompressedImage::get_schema();
+        let channel = self.channel(topic, schema, "protobuf", BTreeMap::new())?;
+        let times = Times {
+            arrived_at: composed_at,
+            published_at: captured_at,
+        };
+        self.message(channel, topic, 0, times, &bytes)
     }
 
     fn exposure(&mut self, camera: Camera, frame: &Frame) -> Result<(), SessionError> {

@@ -29,6 +29,8 @@ pub struct App {
     composite: Encoded,
     pair: Encoded,
     pub(super) streams: Arc<Semaphore>,
+    /// The place of the one upload at a time.
+    pub(super) uploads: Arc<Semaphore>,
     pub(super) snapshot_png: Arc<PngCache>,
     pub(super) environment_png: Arc<PngCache>,
 }
@@ -61,6 +63,7 @@ impl App {
             composite: Encoded::new()?,
             pair: Encoded::new()?,
             streams: Arc::new(Semaphore::new(MAX_STREAMS)),
+            uploads: Arc::new(Semaphore::new(1)),
             snapshot_png: Arc::default(),
             environment_png: Arc::default(),
         })

@@ -324,7 +324,7 @@ pub const STATUS_FIELDS: &[(&str, &str)] = &[
     ),
     (
         "scene.file",
-        "The scene file, which is read again when it or a model that it names changes; null if the session holds the scene.",
+        "The scene file or model that is shown, which is read again when it or a file that it names changes; null for the session's own scene and for none.",
     ),
     ("scene.loads", "Number of changed scenes that were applied."),
     (
@@ -494,6 +494,19 @@ pub const STATUS_FIELDS: &[(&str, &str)] = &[
     (
         "recording.dropped",
         "Messages not recorded, because the disk was too slow or they could not be encoded.",
+    ),
+    (
+        "recording.composite",
+        "Whether the composited pictures are recorded, too; before a recording as configured.",
+    ),
+    ("recording.composites", "Composited pictures recorded."),
+    (
+        "recording.composites_dropped",
+        "Composited pictures not recorded, because encoder or disk were too slow.",
+    ),
+    (
+        "recording.bytes_per_second",
+        "Mean data rate, bytes per second; null in the first second.",
     ),
     ("devices[].name", "Name or path of a camera or tracker."),
     (

@@ -2,6 +2,7 @@
 //! picture nor change a setting.
 
 use super::places::{Activity, Places, hold};
+use super::scene_routes::UPLOAD_PATH;
 use axum::extract::{Request, State};
 use axum::http::{HeaderMap, HeaderName, HeaderValue, Method, StatusCode, Uri, header};
 use axum::middleware::Next;
@@ -16,6 +17,8 @@ use std::time::Duration;
 const COOKIE: &str = "penumbra_token";
 /// Timeout of a request and its answer, except for streams.
 const ANSWER_LIMIT: Duration = Duration::from_secs(10);
+/// The same of an uploaded file, which may come over a slow network.
+const UPLOAD_LIMIT: Duration = Duration::from_secs(120);
 
 /// The secret that protects a server that other machines can reach.
 #[derive(Clone, PartialEq, Eq)]
@@ -90,7 +93,11 @@ fn let_go(mut response: Response) -> Response {
 }
 
 async fn answered(request: Request, next: Next) -> Response {
-    tokio::time::timeout(ANSWER_LIMIT, next.run(request))
+    let limit = match request.uri().path() {
+        UPLOAD_PATH => UPLOAD_LIMIT,
+        _ => ANSWER_LIMIT,
+    };
+    tokio::time::timeout(limit, next.run(request))
         .await
         .unwrap_or_else(|_| (StatusCode::REQUEST_TIMEOUT, "too slow\n").into_response())
 }

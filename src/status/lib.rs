@@ -2,7 +2,7 @@
 //!
 //! The rig writes a [`SharedStatus`]; [`StatusServer`] reads it. [`snapshot`] is the data,
 //! [`times`] the histograms in it, [`settings`] the live settings. The server consists of
-//! [`server`] (socket and limits), `guard` (access), `places` (limits under load), `app` (shared state), `routes` and `calibration_routes`, [`metrics`],
+//! [`server`] (socket and limits), `guard` (access), `places` (limits under load), `app` (shared state), `routes`, `calibration_routes` and `scene_routes`, [`metrics`],
 //! [`health`] and [`log`] (made from the snapshot), [`preview`] (the environment light), and the dashboard.
 
 mod app;
@@ -22,6 +22,8 @@ mod probe;
 pub mod recording;
 pub mod registration;
 mod routes;
+pub mod scene_files;
+mod scene_routes;
 pub mod server;
 pub mod settings;
 pub mod shared;

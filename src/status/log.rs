@@ -18,6 +18,11 @@ const REPEATS: usize = 8;
 /// Maximum length of a text, bytes.
 const MAX_TEXT_BYTES: usize = 1000;
 
+/// Whether one text says what the other says, as status and log do of one event.
+fn are_related(a: &str, b: &str) -> bool {
+    a.contains(b) || b.contains(a)
+}
+
 /// How serious an entry is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "lowercase")]
@@ -43,6 +48,10 @@ pub struct LogEntry {
     pub text: String,
     /// How often.
     pub count: u64,
+    /// Whether it comes from the program's log on standard error. What stands there and in the status is
+    /// one event.
+    #[serde(skip)]
+    pub is_forwarded: bool,
 }
 
 /// The log and what it knows of the snapshot.
@@ -80,6 +89,25 @@ impl Log {
 
     /// Adds an entry.
     pub fn add(&mut self, level: Level, text: &str) {
+        // The program's log has said the same before.
+        let recent = self.entries.len().saturating_sub(REPEATS);
+        let is_same = |e: &LogEntry| e.is_forwarded && are_related(&e.text, text);
+        let said = (recent..self.entries.len()).find(|&i| is_same(&self.entries[i]));
+        if let Some(said) = said {
+            self.entries.remove(said);
+        }
+        self.enter(level, text, false);
+    }
+
+    /// Adds an entry of the program's log on standard error, unless the status has reported the same.
+    pub fn forward(&mut self, level: Level, text: &str) {
+        let mut recent = self.entries.iter().rev().take(REPEATS);
+        if !recent.any(|e| !e.is_forwarded && are_related(&e.text, text)) {
+            self.enter(level, text, true);
+        }
+    }
+
+    fn enter(&mut self, level: Level, text: &str, is_forwarded: bool) {
         let text = &text[..text.floor_char_boundary(MAX_TEXT_BYTES)];
         self.newest += 1;
         let recent = self.entries.len().saturating_sub(REPEATS);
@@ -96,6 +124,7 @@ impl Log {
             level,
             text: text.to_owned(),
             count: repeated.map_or(1, |e| e.count + 1),
+            is_forwarded,
         });
     }
 

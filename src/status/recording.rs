@@ -24,6 +24,14 @@ pub struct Recording {
     pub events: u64,
     /// Number of messages not recorded, because the disk was too slow or they could not be encoded.
     pub dropped: u64,
+    /// Whether composited pictures are recorded, too; before a recording as configured.
+    pub composite: bool,
+    /// Number of composited pictures recorded.
+    pub composites: u64,
+    /// Number of composited pictures not recorded, because encoder or disk were too slow.
+    pub composites_dropped: u64,
+    /// Mean data rate, bytes per second; `None` in the first second.
+    pub bytes_per_second: Option<f64>,
 }
 
 /// State of the recorder.
@@ -67,6 +75,8 @@ pub struct RecordingRequest {
     pub file: Option<String>,
     /// Duration after which to stop, seconds.
     pub seconds: Option<f64>,
+    /// Whether the composited pictures are recorded, too; as configured without it.
+    pub composite: Option<bool>,
 }
 
 /// Why a request was refused.

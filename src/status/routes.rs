@@ -8,6 +8,7 @@ use super::metrics::{METRICS_CONTENT_TYPE, metrics};
 use super::objects::{ObjectRefusal, ObjectRequest};
 use super::playback::{PlaybackChange, PlaybackRefusal};
 use super::recording::RecordingRequest;
+use super::scene_routes;
 use super::settings::{Settings, SettingsChange, SettingsError};
 use super::shared::View;
 use super::snapshot::{Snapshot, WhiteBalance};
@@ -54,6 +55,7 @@ pub fn router(app: App, token: Option<Arc<Token>>) -> Router {
         .route("/playback", post(playback))
         .route("/objects", post(objects))
         .merge(calibration_routes::routes())
+        .merge(scene_routes::routes())
         .route("/stream.mjpeg", get(|app| stream(app, View::Composite)))
         .route("/compare.mjpeg", get(|app| stream(app, View::Pair)))
         .route("/snapshot.png", get(snapshot_png))
@@ -65,7 +67,7 @@ pub fn router(app: App, token: Option<Arc<Token>>) -> Router {
 }
 
 const NOT_FOUND: &str = "not here; there are / /status /metrics /healthz /log /settings \
-    /playback /objects /recording /calibration /stream.mjpeg /compare.mjpeg /snapshot.png /environment.png /whitebalance.json\n";
+    /playback /objects /scenes /recording /calibration /stream.mjpeg /compare.mjpeg /snapshot.png /environment.png /whitebalance.json\n";
 
 async fn not_found() -> Response {
     (StatusCode::NOT_FOUND, NOT_FOUND).into_response()
@@ -86,7 +88,7 @@ macro_rules! file {
 }
 
 /// Files of the dashboard, which are part of the program.
-const FILES: [(&str, &str); 23] = [
+const FILES: [(&str, &str); 24] = [
     file!("calibrate.css"),
     file!("calibrate.js"),
     file!("charts.js"),
@@ -107,6 +109,7 @@ const FILES: [(&str, &str); 23] = [
     file!("recording.js"),
     file!("requests.js"),
     file!("rows.js"),
+    file!("scenes.js"),
     file!("settings.js"),
     file!("text.js"),
     file!("theme.js"),

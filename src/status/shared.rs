@@ -5,6 +5,7 @@ use super::log::{Level, Log, LogEntry};
 use super::objects::{ObjectAnswer, ObjectControl, ObjectRefusal, ObjectRequest};
 use super::playback::{Playback, PlaybackChange, PlaybackRefusal, PlaybackStatus};
 use super::recording::{Recording, RecordingControl, RecordingRefusal, RecordingRequest};
+use super::scene_files::SceneControl;
 use super::settings::{Settings, SettingsChange, SettingsError};
 use super::snapshot::Snapshot;
 use penumbra_interface::{Clock, MonotonicTime, SystemClock};
@@ -29,7 +30,13 @@ pub struct SharedStatus {
     recorder: OnceLock<Arc<dyn RecordingControl>>,
     calibrator: OnceLock<Arc<dyn CalibrationControl>>,
     objects: OnceLock<Arc<dyn ObjectControl>>,
+    scenes: OnceLock<Arc<dyn SceneControl>>,
+    /// Entries of the program's log that wait to be added.
+    forwarded: Mutex<Vec<(Level, String)>>,
 }
+
+/// Maximum number of entries of the program's log that wait.
+const MAX_FORWARDED: usize = 100;
 
 #[derive(Default)]
 struct State {
@@ -70,6 +77,8 @@ impl SharedStatus {
             recorder: OnceLock::new(),
             calibrator: OnceLock::new(),
             objects: OnceLock::new(),
+            scenes: OnceLock::new(),
+            forwarded: Mutex::default(),
         })
     }
 
@@ -85,6 +94,7 @@ impl SharedStatus {
         }
         let State { snapshot, log, .. } = &mut *state;
         log.compare(snapshot);
+        self.add_forwarded(&mut state);
     }
 
     /// Replaces the snapshot, except for the fields that the server fills in.
@@ -103,7 +113,8 @@ impl SharedStatus {
     pub fn snapshot(&self) -> Snapshot {
         let now = self.clock.now();
         let (mut snapshot, last) = {
-            let state = self.lock();
+            let mut state = self.lock();
+            self.add_forwarded(&mut state);
             let mut snapshot = state.snapshot.clone();
             snapshot.log.newest = state.log.newest();
             (snapshot, state.last_composed_at)
@@ -124,7 +135,9 @@ impl SharedStatus {
     /// Returns the entries of the log after number `after`, oldest first.
     #[must_use]
     pub fn log_since(&self, after: u64) -> Vec<LogEntry> {
-        self.lock().log.since(after)
+        let mut state = self.lock();
+        self.add_forwarded(&mut state);
+        state.log.since(after)
     }
 
     /// Publishes the newest composited picture. Needed only while [`Self::wants_picture`], and once
@@ -259,6 +272,45 @@ impl SharedStatus {
                 reason: "the rig shows no virtual objects yet".to_owned(),
             })?;
         objects.carry_out(request)
+    }
+
+    /// Sets what handles requests to show other scenes. Only the first call has an effect.
+    pub fn set_scene_control(&self, scenes: Arc<dyn SceneControl>) {
+        let _ = self.scenes.set(scenes);
+    }
+
+    /// Returns what handles requests to show other scenes; `None` before the first scene is shown.
+    #[must_use]
+    pub fn scenes(&self) -> Option<Arc<dyn SceneControl>> {
+        self.scenes.get().cloned()
+    }
+
+    /// Adds a warning or error of the program's log on standard error to the log. It may be called from
+    /// anywhere: the entry waits until the status is used next.
+    pub fn forward(&self, level: Level, text: &str) {
+        let mut waiting = self
+            .forwarded
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner);
+        if waiting.len() < MAX_FORWARDED {
+            waiting.push((level, text.to_owned()));
+        }
+    }
+
+    /// Adds the entries that wait.
+    fn add_forwarded(&self, state: &mut State) {
+        let mut waiting = self
+            .forwarded
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner);
+        for (level, text) in waiting.drain(..) {
+            state.log.forward(level, &text);
+        }
+    }
+
+    /// Adds an entry to the log.
+    pub fn note(&self, level: Level, text: &str) {
+        self.lock().log.add(level, text);
     }
 
     /// Sets the calibrator that handles requests to calibrate. Only the first call has an effect.
@@ -453,6 +505,32 @@ mod tests {
         );
         assert_eq!(snapshot.settings_requested, both);
         assert_eq!(snapshot.settings_configured, Settings::default());
+    }
+
+    #[test]
+    fn warnings_on_standard_error_are_in_the_log_once() {
+        let (shared, _) = shared();
+        let texts = || -> Vec<_> {
+            let entries = shared.log_since(0).into_iter();
+            entries.map(|e| (e.text, e.count)).collect()
+        };
+        // From anywhere, even while the status is being written.
+        shared.update(|s| {
+            shared.forward(Level::Warning, "the cache is read-only");
+            s.stream.encoded += 1;
+        });
+        assert_eq!(texts(), [("the cache is read-only".to_owned(), 1)]);
+        // In either order, what the status reports, too, is one event.
+        shared.forward(Level::Warning, "no signal");
+        shared.update(|s| s.warn("no signal"));
+        shared.update(|s| s.warn("s.toml:2: no"));
+        shared.forward(Level::Warning, "s.toml:2: no; the previous scene is kept");
+        assert_eq!(
+            texts()[1..],
+            [("no signal".to_owned(), 1), ("s.toml:2: no".to_owned(), 1)]
+        );
+        (0..1000).for_each(|i| shared.forward(Level::Warning, &format!("{i} times")));
+        assert_eq!(texts().len(), 3 + MAX_FORWARDED);
     }
 
     #[test]

@@ -177,3 +177,52 @@ fn lamps_are_drawn_over_the_environment_and_in_a_plan() {
     keep("lamps.png", &browser.screenshot(false));
     assert_eq!(browser.complaints(), [""; 0]);
 }
+
+/// Pairs of labels that overlap, or that a mark of another lamp lies in.
+const OVERLAPS: &str = "(() => { const found = []; for (const svg of ['lamp-marks', 'lamp-plan']) { \
+    const boxes = [...document.querySelectorAll(`#${svg} text:not(.ring-text)`)].map((t) => [t.textContent, t.getBBox()]); \
+    boxes.forEach(([a, p], i) => boxes.slice(i + 1).forEach(([b, q]) => { \
+      const over = (from, size) => Math.min(p[from] + p[size], q[from] + q[size]) - Math.max(p[from], q[from]); \
+      if (over('x', 'width') > 1 && over('y', 'height') > 1) found.push(`${svg}: ${a}, ${b}`); })); } return found; })()";
+
+#[test]
+fn labels_of_lamps_close_to_one_another_do_not_overlap() {
+    let Some(mut browser) = browser("labels_of_lamps_close_to_one_another_do_not_overlap") else {
+        return;
+    };
+    let show = Show::start();
+    browser.resize(1280, 800);
+    open(&mut browser, &show);
+    let lamp = |azimuth: f64, elevation: f64, distance: f64| {
+        let (azimuth, elevation) = (azimuth.to_radians(), elevation.to_radians());
+        LampStatus {
+            direction: [
+                azimuth.cos() * elevation.cos(),
+                azimuth.sin() * elevation.cos(),
+                elevation.sin(),
+            ],
+            position: Some([0.0; 3]),
+            distance_m: Some(distance),
+            distance_sigma_m: Some(0.05),
+            clipped: 0.0,
+        }
+    };
+    // A ceiling light of six lamps, and two at the edges of the picture.
+    show.shared.update(|s| {
+        let row = (0..6).map(|i| lamp(30.0 + 3.0 * f64::from(i), 50.0, 1.5));
+        let edges = [lamp(179.0, 85.0, 2.0), lamp(-179.0, -80.0, 2.0)];
+        s.lighting.lamps = row.chain(edges).collect();
+    });
+    browser.wait_for("document.querySelectorAll('#lamp-marks circle').length === 8");
+    for (width, height) in [(1280, 800), (390, 844)] {
+        browser.resize(width, height);
+        std::thread::sleep(Duration::from_millis(1200));
+        browser.evaluate("document.querySelector('.environment').scrollIntoView()");
+        keep(
+            &format!("lamps-close-{width}.png"),
+            &browser.screenshot(false),
+        );
+        assert_eq!(browser.evaluate(OVERLAPS), serde_json::json!([]), "{width}");
+    }
+    assert_eq!(browser.complaints(), [""; 0]);
+}

@@ -7,6 +7,7 @@ mod layout;
 mod objects;
 mod picture;
 mod playback;
+mod scenes;
 #[path = "../support/mod.rs"]
 mod support;
 
@@ -213,6 +214,8 @@ fn record_button_records_a_live_rig() {
     };
     assert_eq!(pill(&mut browser), "not recording");
 
+    browser.wait_for("!document.getElementById('composite').disabled");
+    browser.evaluate("document.getElementById('composite').click()");
     browser.evaluate("document.getElementById('record').click()");
     browser.wait_for("document.getElementById('recording-pill').textContent === 'recording'");
     browser.wait_for("document.getElementById('record').textContent === 'Stop recording'");
@@ -223,7 +226,10 @@ fn record_button_records_a_live_rig() {
     let facts = browser.evaluate("document.getElementById('recording-facts').textContent");
     let facts = facts.as_str().unwrap();
     assert!(
-        facts.contains(" left · ") && facts.contains(" free"),
+        facts.contains(" left · ")
+            && facts.contains(" free")
+            && facts.contains(" composited pictures · ")
+            && facts.contains(" per minute · "),
         "{facts}"
     );
     keep("recording.png", &browser.screenshot(false));

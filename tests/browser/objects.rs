@@ -72,6 +72,21 @@ fn an_object_is_dragged_turned_and_scaled() {
         now[0] < middle[0] - 40.0 && now[1] > middle[1] + 10.0
     });
     keep("object-moved.png", &browser.screenshot(false));
+    // Undone and redone, by button and by keyboard.
+    let (moved, _) = teapot(&mut browser);
+    browser.evaluate("document.getElementById('object-undo').click()");
+    let near = |a: [f64; 2], b: [f64; 2]| (a[0] - b[0]).abs() < 3.0 && (a[1] - b[1]).abs() < 3.0;
+    wait_for_teapot(&mut browser, "not undone", |now, _| near(now, middle));
+    browser.wait_for("document.getElementById('object-undo').disabled");
+    browser.evaluate(&shortcut("y"));
+    wait_for_teapot(&mut browser, "not redone", |now, _| near(now, moved));
+    browser.wait_for("document.getElementById('object-redo').disabled");
+    browser.evaluate(&shortcut("z"));
+    wait_for_teapot(&mut browser, "not undone by key", |now, _| {
+        near(now, middle)
+    });
+    browser.evaluate("document.getElementById('object-redo').click()");
+    wait_for_teapot(&mut browser, "not redone", |now, _| near(now, moved));
     slide(&mut browser, "size", "-1");
     wait_for_teapot(&mut browser, "not smaller", |_, now| now < size / 2);
     browser.wait_for("document.getElementById('size-text').textContent === '50 %'");
@@ -89,7 +104,23 @@ fn an_object_is_dragged_turned_and_scaled() {
     wait_for_teapot(&mut browser, "not back", |now, pixels| {
         (now[0] - middle[0]).abs() < 3.0 && pixels.abs_diff(size) < size / 10
     });
+    // Putting back is a move, too; before it are the step by key, the turn, the size and the drag.
+    for _ in 0..4 {
+        browser.evaluate("document.getElementById('object-undo').click()");
+        browser.wait_for(SHOWN);
+    }
+    wait_for_teapot(&mut browser, "not undone", |now, _| near(now, moved));
+    browser.evaluate("document.getElementById('object-undo').click()");
+    wait_for_teapot(&mut browser, "not undone", |now, _| near(now, middle));
     assert_eq!(browser.complaints(), [""; 0]);
+}
+
+/// Presses a key with Ctrl, as far as the page can tell.
+fn shortcut(key: &str) -> String {
+    format!(
+        "document.body.dispatchEvent(new KeyboardEvent('keydown', \
+         {{ key: '{key}', ctrlKey: true, bubbles: true, cancelable: true }}))"
+    )
 }
 
 #[test]

@@ -193,3 +193,63 @@ fn lists_tags_of_a_printed_board_with_their_corners() {
     let output = desk.run("calibrate tags --pictures sheets --family 9x9_50 --out b.csv");
     assert!(text(&output.stderr).contains("unknown family of tags"));
 }
+
+/// Markers of 5×5 bits that are in no built-in dictionary.
+const MARKERS: [&str; 8] = [
+    "1010111000101101001001110",
+    "0111001011100010110101001",
+    "1100010110011101010001011",
+    "0001101110110001011010010",
+    "1111000001010111000110100",
+    "1001011001101010111100001",
+    "0110100111000111100101100",
+    "1101110010001001101011011",
+];
+
+#[test]
+fn a_board_of_an_own_dictionary_is_printed_and_detected() {
+    let desk = Desk::new();
+    let numbered = MARKERS.iter().enumerate();
+    let markers: Vec<_> = numbered
+        .map(|(i, bits)| format!("marker_{i}: \"{bits}\""))
+        .collect();
+    let yaml = format!(
+        "%YAML:1.0\n---\nnmarkers: 8\nmarkersize: 5\n{}\n",
+        markers.join("\n")
+    );
+    desk.put("mine.yml", &yaml);
+    std::fs::create_dir(desk.path("sheets")).unwrap();
+    let board = "charuco:5x3:0.03:0.022:mine.yml";
+    desk.works(&format!(
+        "calibrate board --board {board} --out sheets/board.png --dpi 100"
+    ));
+    desk.works("calibrate tags --pictures sheets --family mine.yml --out tags.csv");
+    let table = text(&desk.read("tags.csv"));
+    let found: Vec<_> = table
+        .lines()
+        .skip(1)
+        .map(|l| l.split(',').nth(2).unwrap())
+        .collect();
+    assert_eq!(found, ["0", "1", "2", "3", "4", "5", "6"], "{table}");
+    assert!(table.contains(",mine,"), "{table}");
+    // By the configuration, which gives the name.
+    desk.put(
+        "rig.toml",
+        "[registration]\ndictionaries = [\"mine.yml\"]\n",
+    );
+    desk.works("check-config rig.toml");
+    desk.put("broken.yml", yaml.replace("marker_3", "marker_9"));
+    desk.put(
+        "rig.toml",
+        "[registration]\ndictionaries = [\"mine.yml\", \"broken.yml\"]\n",
+    );
+    let refused = desk.refuses("check-config rig.toml");
+    assert!(
+        refused.contains("registration.dictionaries[1]"),
+        "{refused}"
+    );
+    assert!(
+        refused.contains("broken.yml: marker_3: is missing"),
+        "{refused}"
+    );
+}

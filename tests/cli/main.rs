@@ -15,6 +15,7 @@ mod program;
 mod refusals;
 mod reload;
 mod replay;
+mod scenes;
 mod service;
 mod sessions;
 mod setups;

@@ -26,7 +26,7 @@ impl Running {
         &self.1
     }
 
-    fn status(&self) -> Value {
+    pub fn status(&self) -> Value {
         let answer = get(&self.1, "/status");
         let (_, body) = answer.split_once("\r\n\r\n").unwrap();
         serde_json::from_str(body).unwrap()

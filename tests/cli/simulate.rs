@@ -151,3 +151,13 @@ fn refuses_impossible_simulations_in_one_line() {
         assert_eq!(output.status.code(), Some(2), "{}", text(&output.stderr));
     }
 }
+
+#[test]
+fn simulated_session_has_frame_tree_and_calibrations_for_viewers() {
+    let desk = Desk::new();
+    desk.works("simulate session --seconds 1 --rate 5 --size 160x120 --tags 3 --out rig.mcap");
+    let info = desk.works("info rig.mcap");
+    for topic in ["/tf ", "/scene_camera/calibration "] {
+        assert!(info.contains(topic), "{info}");
+    }
+}

@@ -13,8 +13,8 @@ use std::process::ExitCode;
 pub struct BoardArgs {
     /// chess:9x6:0.025 (inner corners, square in metres), aprilgrid:6x6:0.03:0.3 (tags, tag in
     /// metres, gap as a share of it) or charuco:8x5:0.03:0.022:4x4_50 (squares, square and marker
-    /// in metres, dictionary)
-    #[arg(long, value_name = "BOARD", default_value = "chess:9x6:0.025", value_parser = Board::parse)]
+    /// in metres, dictionary: also OpenCV's .yml or .xml, or a .txt)
+    #[arg(long, value_name = "BOARD", default_value = "chess:9x6:0.025", value_parser = super::dictionary::board)]
     board: Board,
     /// The file to write: .pdf, .svg or .png
     #[arg(long, value_name = "FILE")]

@@ -37,7 +37,7 @@ pub struct EnvironmentArgs {
     #[arg(long, value_name = "X,Y,Z", value_parser = position, allow_hyphen_values = true)]
     at: Option<DVec3>,
     /// Family of static markers that both cameras see and that are not in rig.json
-    #[arg(long, value_name = "tag36h11")]
+    #[arg(long, value_name = "tag36h11", value_parser = super::dictionary::family)]
     family: Vec<Family>,
     /// Maximum error of the orientation in rig.json
     #[arg(long, value_name = "DEGREES", value_parser = degrees)]

@@ -26,7 +26,7 @@ pub struct IntrinsicsArgs {
     /// The board as measured on the print: chess:9x6:0.025 (inner corners, square in metres),
     /// aprilgrid:6x6:0.088:0.3 (tags, tag in metres, gap as a share of it) or
     /// charuco:8x5:0.03:0.022:4x4_50 (squares, square and marker in metres, dictionary)
-    #[arg(long, value_name = "BOARD", value_parser = Board::parse)]
+    #[arg(long, value_name = "BOARD", value_parser = super::dictionary::board)]
     board: Board,
     /// Camera to calibrate
     #[arg(long, value_enum, default_value_t = Camera::Scene)]

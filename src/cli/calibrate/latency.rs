@@ -12,7 +12,7 @@ pub struct LatencyArgs {
     #[command(flatten)]
     input: InputArgs,
     /// A static chessboard instead of the rig's markers
-    #[arg(long, value_name = "chess:9x6:0.025", value_parser = Board::parse)]
+    #[arg(long, value_name = "chess:9x6:0.025", value_parser = super::dictionary::board)]
     board: Option<Board>,
     /// The tracker's station that is mounted on the camera
     #[arg(long, value_name = "N", default_value_t = 1)]

@@ -21,7 +21,7 @@ pub struct MapArgs {
     #[arg(long, value_name = "ID")]
     origin: Option<u32>,
     /// Tag family
-    #[arg(long, value_name = "NAME", default_value = "tag36h11")]
+    #[arg(long, value_name = "NAME", default_value = "tag36h11", value_parser = super::dictionary::family)]
     family: Vec<Family>,
 }
 

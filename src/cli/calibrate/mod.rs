@@ -3,6 +3,7 @@
 mod args;
 mod board;
 mod convert;
+mod dictionary;
 mod environment;
 mod folder;
 mod intrinsics;

@@ -19,12 +19,14 @@ pub struct TagsArgs {
     #[arg(long, value_name = "DIR")]
     pictures: PathBuf,
     /// Tag families: tag36h11, tag25h9, tag16h5, kalibr36h11 (with Kalibr's border), 4x4_50 to
-    /// 7x7_1000, aruco_original, aruco_mip_36h12
+    /// 7x7_1000, aruco_original, aruco_mip_36h12, or the file of a dictionary: OpenCV's .yml or
+    /// .xml, or a .txt with the bits of a marker per line
     #[arg(
         long,
         value_name = "NAME",
         default_value = "tag36h11",
-        value_delimiter = ','
+        value_delimiter = ',',
+        value_parser = super::dictionary::family
     )]
     family: Vec<Family>,
     /// One line per tag: picture, family, number, corners clockwise from the top left (pixels),

@@ -12,15 +12,17 @@ use penumbra_camera::{
     EnvironmentView, FisheyeLens, MirrorSphere, PinholeCamera, Response as ToneCurve,
 };
 use penumbra_white_balance::chart::PhotometricChart;
+use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::de::value::{MapAccessDeserializer, SeqAccessDeserializer};
 use serde::de::{Error, MapAccess, SeqAccess, Unexpected, Visitor};
 use serde::{Deserialize, Deserializer};
+use std::borrow::Cow;
 use std::fmt;
 
 type Result<T> = std::result::Result<T, RigJsonError>;
 
 /// `"srgb"` (the default), `"linear"`, or `{"gamma": 2.2}`.
-#[derive(Clone, Copy, Debug, Default, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, Deserialize, JsonSchema)]
 #[serde(
     rename_all = "lowercase",
     expecting = "\"srgb\", \"linear\" or {\"gamma\": number}"
@@ -47,7 +49,7 @@ impl Response {
 #[derive(Clone, Copy, Debug, Default)]
 struct LensDistortion([f64; 5]);
 
-#[derive(Deserialize)]
+#[derive(Deserialize, JsonSchema)]
 struct Coefficients {
     k1: Option<Number>,
     k2: Option<Number>,
@@ -91,6 +93,27 @@ impl<'de> Visitor<'de> for LensDistortionVisitor {
     }
 }
 
+impl JsonSchema for LensDistortion {
+    fn inline_schema() -> bool {
+        true
+    }
+
+    fn schema_name() -> Cow<'static, str> {
+        "LensDistortion".into()
+    }
+
+    fn json_schema(generator: &mut SchemaGenerator) -> Schema {
+        json_schema!({
+            "description": "Brown and Conrady: \"none\", a list k1, k2, p1, p2, k3, or an object with these keys.",
+            "anyOf": [
+                { "const": "none" },
+                List::<Number, 4, 5>::json_schema(generator),
+                Coefficients::json_schema(generator),
+            ],
+        })
+    }
+}
+
 impl<'de> Deserialize<'de> for LensDistortion {
     fn deserialize<D: Deserializer<'de>>(from: D) -> std::result::Result<Self, D::Error> {
         from.deserialize_any(LensDistortionVisitor)
@@ -98,7 +121,7 @@ impl<'de> Deserialize<'de> for LensDistortion {
 }
 
 /// `scene_camera`.
-#[derive(Deserialize)]
+#[derive(Deserialize, JsonSchema)]
 #[serde(expecting = "an object with image_size and K")]
 pub(super) struct SceneCameraEntry {
     image_size: ImageSize,
@@ -142,7 +165,7 @@ fn nanos(latency: Option<Latency>) -> i64 {
 }
 
 /// `environment_camera`.
-#[derive(Deserialize)]
+#[derive(Deserialize, JsonSchema)]
 #[serde(expecting = "an object with kind, image_size and T_world_cam")]
 pub(super) struct EnvironmentCameraEntry {
     kind: Kind,
@@ -161,14 +184,14 @@ pub(super) struct EnvironmentCameraEntry {
     brackets_ev: Option<List<Number, 0, 16>>,
 }
 
-#[derive(Clone, Copy, Deserialize)]
+#[derive(Clone, Copy, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase", expecting = "\"fisheye\" or \"sphere\"")]
 enum Kind {
     Fisheye,
     Sphere,
 }
 
-#[derive(Clone, Copy, Deserialize)]
+#[derive(Clone, Copy, Deserialize, JsonSchema)]
 #[serde(
     rename_all = "kebab-case",
     expecting = "\"equidistant\", with k1 to k4 where the lens deviates from it"
@@ -178,7 +201,7 @@ enum ProjectionModel {
     KannalaBrandt,
 }
 
-#[derive(Clone, Copy, Deserialize)]
+#[derive(Clone, Copy, Deserialize, JsonSchema)]
 #[serde(expecting = "an object with f, cx, cy, max_theta_rad")]
 struct Projection {
     /// Only checked: both models have the same formula.
@@ -194,7 +217,7 @@ struct Projection {
     k4: Option<Number>,
 }
 
-/// An angle from the optical axis, radians.
+/// An angle from the optical axis, radians, at most pi.
 #[derive(Clone, Copy, Deserialize)]
 #[serde(try_from = "Positive")]
 struct HalfAngle(f64);
@@ -273,7 +296,7 @@ fn fixed_sphere(sphere: SphereEntry, markers: &[Marker]) -> Result<MirrorSphere>
 }
 
 /// `mirror_sphere`, at the root or in the environment camera.
-#[derive(Clone, Deserialize)]
+#[derive(Clone, Deserialize, JsonSchema)]
 #[serde(expecting = "an object with center_world and radius")]
 pub(super) struct SphereEntry {
     radius: Positive,
@@ -283,7 +306,7 @@ pub(super) struct SphereEntry {
     in_scene_camera_images: Option<bool>,
 }
 
-#[derive(Clone, Deserialize)]
+#[derive(Clone, Deserialize, JsonSchema)]
 #[serde(expecting = "an object with family, id and center")]
 struct SphereMarkerEntry {
     family: String,
@@ -344,7 +367,7 @@ impl SphereMarkerEntry {
 }
 
 /// `tracker`.
-#[derive(Deserialize)]
+#[derive(Deserialize, JsonSchema)]
 #[serde(expecting = "an object with T_world_source and T_sensor_cam")]
 pub(super) struct TrackerEntry {
     #[serde(rename = "T_world_source")]
@@ -355,14 +378,14 @@ pub(super) struct TrackerEntry {
     fastrak: Option<Fastrak>,
 }
 
-#[derive(Deserialize)]
+#[derive(Deserialize, JsonSchema)]
 #[serde(expecting = "an object with units")]
 struct Fastrak {
     units: Option<Units>,
 }
 
 /// Unit of the positions that the tracker sends. A FASTRAK's default is inches.
-#[derive(Clone, Copy, Debug, Default, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 enum Units {
     #[default]
@@ -399,7 +422,7 @@ impl TrackerEntry {
     }
 }
 
-#[derive(Deserialize)]
+#[derive(Deserialize, JsonSchema)]
 #[serde(expecting = "an object with scene, environment and patches_xywh")]
 struct ChartFields {
     scene: String,
@@ -408,6 +431,7 @@ struct ChartFields {
     reflectance_linear_rgb: Option<List<Colour, 0, 10_000>>,
 }
 
+/// x, y, width, height, pixels.
 #[derive(Clone, Copy, Deserialize)]
 #[serde(try_from = "Array<Count, 4>")]
 struct Patch([u32; 4]);
@@ -445,4 +469,10 @@ impl TryFrom<ChartFields> for ChartEntry {
             reflectance: reflectance.into_iter().map(|c| c.0).collect(),
         }))
     }
+}
+
+schema_of! {
+    ChartEntry => ChartFields;
+    HalfAngle => Positive;
+    Patch => Array<Count, 4>;
 }

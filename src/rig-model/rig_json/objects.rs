@@ -8,11 +8,12 @@ use glam::{DMat4, DVec3, Vec3};
 use penumbra_scene::lamps::MAX_LAMPS;
 use penumbra_scene::z_up_from_y_up;
 use penumbra_scene::{GroundPlane, VirtualLight, VirtualLightKey, VirtualLightKind};
+use schemars::JsonSchema;
 use serde::Deserialize;
 use serde::de::Error;
 use serde::de::value::Error as FieldError;
 
-#[derive(Deserialize)]
+#[derive(Deserialize, JsonSchema)]
 #[serde(expecting = "an object with glb and T_world_object")]
 struct ObjectFields {
     glb: String,
@@ -43,7 +44,7 @@ impl TryFrom<ObjectFields> for ObjectEntry {
     }
 }
 
-#[derive(Clone, Copy, Default, Deserialize)]
+#[derive(Clone, Copy, Default, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 enum PlyFrame {
     #[default]
@@ -52,7 +53,7 @@ enum PlyFrame {
     Phantom,
 }
 
-#[derive(Deserialize)]
+#[derive(Deserialize, JsonSchema)]
 #[serde(expecting = "an object with name and ply")]
 struct PhantomFields {
     name: Option<String>,
@@ -88,7 +89,7 @@ impl TryFrom<PhantomFields> for PhantomEntry {
 }
 
 /// `ground_plane`.
-#[derive(Deserialize)]
+#[derive(Deserialize, JsonSchema)]
 #[serde(expecting = "an object with normal, offset, size_m")]
 pub(super) struct GroundEntry {
     normal: Option<Direction>,
@@ -109,7 +110,7 @@ impl GroundEntry {
 }
 
 /// An entry of `markers`.
-#[derive(Deserialize)]
+#[derive(Deserialize, JsonSchema)]
 #[serde(expecting = "an object with family, id, size_m and T_world_marker")]
 pub(super) struct MarkerEntry {
     family: String,
@@ -131,13 +132,13 @@ impl MarkerEntry {
 }
 
 /// `virtual_lights`.
-#[derive(Default, Deserialize)]
+#[derive(Default, Deserialize, JsonSchema)]
 #[serde(expecting = "an object with lights")]
 pub(super) struct LightsEntry {
     pub lights: Option<List<LightEntry, 0, MAX_LAMPS>>,
 }
 
-#[derive(Deserialize)]
+#[derive(Deserialize, JsonSchema)]
 #[serde(expecting = "an object with kind, intensity and keys")]
 struct LightFields {
     name: Option<String>,
@@ -148,7 +149,7 @@ struct LightFields {
     keys: List<LightKey, 0, 100_000>,
 }
 
-#[derive(Clone, Copy, Deserialize)]
+#[derive(Clone, Copy, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase", expecting = "\"point\" or \"spot\"")]
 enum LightKind {
     Point,
@@ -205,7 +206,7 @@ impl TryFrom<LightFields> for LightEntry {
     }
 }
 
-#[derive(Deserialize)]
+#[derive(Deserialize, JsonSchema)]
 #[serde(expecting = "an object with t, pos, target, gain")]
 struct LightKeyFields {
     t: Number,
@@ -233,4 +234,11 @@ impl TryFrom<LightKeyFields> for LightKey {
         }
         Ok(Self(key))
     }
+}
+
+schema_of! {
+    ObjectEntry => ObjectFields;
+    PhantomEntry => PhantomFields;
+    LightEntry => LightFields;
+    LightKey => LightKeyFields;
 }

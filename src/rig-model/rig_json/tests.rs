@@ -39,6 +39,26 @@ fn rig() -> Value {
     })
 }
 
+/// Descriptions in which every key stands at least once.
+pub(super) fn complete_rigs() -> Vec<Value> {
+    let (mut sphere, mut moving) = (rig(), rig());
+    let matrix = json!([[700.0, 0, 320.0], [0, 700.0, 240.0], [0, 0, 1]]);
+    sphere["environment_camera"] = json!({
+        "kind": "sphere", "image_size": [640, 480], "K": matrix, "lens_distortion": "none",
+        "T_world_cam": {"matrix_row_major": [[1, 0, 0, 0.5], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]},
+        "mirror_sphere": {"center_world": [0.1, 0.2, 0.3], "radius": 0.04}, "response": "srgb"
+    });
+    sphere["scene_camera"]["lens_distortion"] = json!({"k1": 0.1, "p2": 0.01});
+    sphere["virtual_lights"]["lights"][0] = json!({"kind": "point", "intensity": [1, 2, 3],
+        "keys": [{"t": 0, "pos": [1, 2, 3], "gain": 0.5}]});
+    moving["mirror_sphere"] = json!({"radius": 0.04,
+        "marker": {"family": "tag36h11", "id": 9, "center": [0, 0, 0.05], "size_m": 0.03}});
+    moving["phantoms"][0]["mirror"] = json!(true);
+    moving["notes"] = json!("other keys are ignored");
+    let minimal = json!({"scene_camera": {"image_size": [640, 480], "K": matrix}});
+    vec![rig(), sphere, moving, minimal]
+}
+
 fn parse(value: &Value) -> Result<RigDocument, RigJsonError> {
     RigDocument::parse(value.to_string().as_bytes())
 }

@@ -9,14 +9,14 @@ use std::fmt;
 use std::marker::PhantomData;
 
 /// Maximum magnitude of a number (metres or pixels).
-const MAX_MAGNITUDE: f64 = 1e6;
+pub(super) const MAX_MAGNITUDE: f64 = 1e6;
 /// Maximum number of pixels along a side, and of a marker's number.
-const MAX_COUNT: u64 = 16_384;
+pub(super) const MAX_COUNT: u64 = 16_384;
 /// Maximum deviation of a matrix from a rotation: nine decimals are customary, hand-written files
 /// have four.
 const ROTATION_TOLERANCE: f64 = 2e-3;
 /// Maximum latency, seconds.
-const MAX_LATENCY_SECONDS: f64 = 10.0;
+pub(super) const MAX_LATENCY_SECONDS: f64 = 10.0;
 
 /// A number of at most [`MAX_MAGNITUDE`].
 #[derive(Clone, Copy, Debug)]

@@ -4,7 +4,7 @@ use penumbra_calibration::simulation::{FrameTruth, SimulatedRig, fastrak_record}
 use penumbra_interface::{Frame, MonotonicTime, PixelFormat};
 use penumbra_numerics::Random;
 use penumbra_picture::Picture;
-use penumbra_session::{Camera, SessionError, SessionWriter};
+use penumbra_session::{Camera, RigViews, SessionError, SessionWriter};
 use penumbra_status::stream::{EncodeError, JpegEncoder};
 use serde_json::Value;
 use std::fs::File;
@@ -73,19 +73,25 @@ fn record(
     mut writer: SessionWriter<BufWriter<File>>,
     report: &mut impl FnMut(f64),
 ) -> Result<Value, SimulationRecordingError> {
-    let rig_json = simulation.rig_json().to_string();
-    writer.attach("rig.json", rig_json.as_bytes())?;
+    let rig_json = simulation.rig_json();
+    writer.attach("rig.json", rig_json.to_string().as_bytes())?;
+    let mut views = RigViews::new(rig_json);
     let mut random = Random::new(simulation.options.seed ^ 0x5eed);
     let events = schedule(simulation, &mut random);
     let mut encoder = JpegEncoder::new(JPEG_QUALITY)?;
     let mut truth = Vec::new();
     let count = events.len();
+    if let Some((arrival, ..)) = events.first() {
+        views.begin(&mut writer, instant(*arrival))?;
+    }
     let mut pictures = [0_u64; 2];
     for (i, (arrival, at, event)) in events.into_iter().enumerate() {
         match event {
             Event::Record => {
                 let record = fastrak_record(simulation.measured(at, &mut random));
-                writer.tracker_bytes("fastrak", record.as_bytes(), instant(arrival))?;
+                let (bytes, arrived_at) = (record.as_bytes(), instant(arrival));
+                writer.tracker_bytes("fastrak", bytes, arrived_at)?;
+                views.tracker_bytes(&mut writer, bytes, arrived_at)?;
             }
             Event::Picture(camera) => {
                 let mut frame =

@@ -30,9 +30,84 @@ fn recorder(folder: &Path, reserve_bytes: u64) -> (Arc<Hub>, Arc<SharedStatus>, 
         folder: folder.join("recordings"),
         max_duration_nanos: None,
         reserve_bytes,
+        composite: false,
     };
-    let recorder = Recorder::new(hub.clone(), Arc::default(), config, status.clone());
+    let recorder = Recorder::new(
+        hub.clone(),
+        (Arc::default(), Arc::default()),
+        config,
+        status.clone(),
+    );
     (hub, status, recorder)
+}
+
+/// As [`recorder`], with what the frame loop hands pictures to.
+fn recorder_of_composites(
+    folder: &Path,
+) -> (Arc<Hub>, Arc<Composites>, Arc<SharedStatus>, Arc<Recorder>) {
+    let hub = Hub::new(Arc::new(SystemClock), false);
+    let status = SharedStatus::new(Settings::default());
+    let composites = Arc::<Composites>::default();
+    let files = (Arc::default(), composites.clone());
+    let config = RecordingConfig {
+        folder: folder.join("recordings"),
+        reserve_bytes: 0,
+        ..RecordingConfig::default()
+    };
+    let recorder = Recorder::new(hub.clone(), files, config, status.clone());
+    (hub, composites, status, recorder)
+}
+
+#[test]
+fn composited_pictures_are_recorded_on_request_and_not_read_back() {
+    let folder = tempfile::tempdir().unwrap();
+    let (hub, composites, status, recorder) = recorder_of_composites(folder.path());
+    assert!(!status.snapshot().recording.composite && !composites.wanted());
+    let picture = Arc::new(penumbra_picture::Picture {
+        width: 64,
+        height: 48,
+        rgba: vec![100; 64 * 48 * 4],
+    });
+    composites.offer(&picture, SystemClock.now());
+    let path = folder.path().join("a.mcap");
+    recorder.start(&path, None, true).unwrap();
+    assert!(status.snapshot().recording.composite && composites.wanted());
+    for n in 1..4 {
+        hub.deliver(frame(n));
+        composites.offer(&picture, SystemClock.now());
+        // Encoder and writer are given time, so that nothing is dropped.
+        std::thread::sleep(Duration::from_millis(200));
+    }
+    let recording = recorder.stop().unwrap();
+    assert_eq!((recording.composites, recording.composites_dropped), (3, 0));
+    assert_eq!((recording.events, recording.dropped), (3, 0));
+    assert!(!composites.wanted());
+    let session = Session::open(&path).unwrap();
+    assert!(!session.truncated());
+    assert_eq!(session.events().filter(Result::is_ok).count(), 3);
+}
+
+#[test]
+fn composited_pictures_beyond_the_queue_are_dropped_and_counted() {
+    let folder = tempfile::tempdir().unwrap();
+    let (_hub, composites, _status, recorder) = recorder_of_composites(folder.path());
+    let large = Arc::new(penumbra_picture::Picture {
+        width: 2000,
+        height: 1000,
+        rgba: vec![100; 2000 * 1000 * 4],
+    });
+    recorder
+        .start(&folder.path().join("a.mcap"), None, true)
+        .unwrap();
+    let begun = Instant::now();
+    (0..100).for_each(|_| composites.offer(&large, SystemClock.now()));
+    assert!(
+        begun.elapsed() < Duration::from_millis(500),
+        "it does not wait"
+    );
+    let recording = recorder.stop().unwrap();
+    assert!(recording.composites > 0 && recording.composites_dropped > 0);
+    assert_eq!(recording.composites + recording.composites_dropped, 100);
 }
 
 fn wait_until(what: &str, is_true: impl Fn() -> bool) {
@@ -49,9 +124,9 @@ fn records_all_events_of_the_hub_and_never_overwrites_a_file() {
     let (hub, status, recorder) = recorder(folder.path(), 0);
     let path = folder.path().join("a.mcap");
     hub.deliver(frame(1));
-    recorder.start(&path, None).unwrap();
+    recorder.start(&path, None, false).unwrap();
     assert!(matches!(
-        recorder.start(&path, None),
+        recorder.start(&path, None, false),
         Err(RigError::Recording { .. })
     ));
     (2..52).for_each(|n| hub.deliver(frame(n)));
@@ -69,7 +144,7 @@ fn records_all_events_of_the_hub_and_never_overwrites_a_file() {
     });
     assert!(numbers.eq(2..52));
     let before = std::fs::read(&path).unwrap();
-    let refused = recorder.start(&path, None).unwrap_err().to_string();
+    let refused = recorder.start(&path, None, false).unwrap_err().to_string();
     assert!(refused.contains("a.mcap"), "{refused}");
     assert_eq!(std::fs::read(&path).unwrap(), before);
 }
@@ -80,7 +155,7 @@ fn status_shows_a_recording_as_soon_as_it_has_started() {
     let (_hub, status, recorder) = recorder(folder.path(), 0);
     for name in ["a.mcap", "b.mcap", "c.mcap"] {
         let path = folder.path().join(name);
-        recorder.start(&path, None).unwrap();
+        recorder.start(&path, None, false).unwrap();
         let recording = status.snapshot().recording;
         assert_eq!(recording.state, RecordingState::Recording);
         assert_eq!(recording.file, Some(path.display().to_string()));
@@ -94,7 +169,7 @@ fn running_recording_is_readable_on_disk() {
     let folder = tempfile::tempdir().unwrap();
     let (hub, status, recorder) = recorder(folder.path(), 0);
     let path = folder.path().join("a.mcap");
-    recorder.start(&path, None).unwrap();
+    recorder.start(&path, None, false).unwrap();
     hub.deliver(frame(1));
     // The unfinished file can be read, as it could after the recorder was killed.
     wait_until("the first frame is on the disk", || {
@@ -113,7 +188,7 @@ fn low_disk_space_ends_a_recording_with_a_complete_file() {
     let folder = tempfile::tempdir().unwrap();
     let (hub, status, recorder) = recorder(folder.path(), u64::MAX);
     let path = folder.path().join("a.mcap");
-    recorder.start(&path, None).unwrap();
+    recorder.start(&path, None, false).unwrap();
     hub.deliver(frame(1));
     wait_until("the recording ends", || !recorder.is_recording());
     let recording = status.snapshot().recording;
@@ -141,6 +216,7 @@ fn full_disk_ends_the_recording_as_failed() {
     let job = Job {
         writer: writer.unwrap(),
         queue,
+        composites: None,
         queued_bytes: Arc::default(),
         dropped: Arc::default(),
         hub: hub.clone(),

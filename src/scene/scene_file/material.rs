@@ -1,6 +1,7 @@
 //! Materials of a scene file, which override those of the model file.
 
 use super::typed::{Colour, MaterialFile, PhongFile};
+use crate::error::SceneError;
 use crate::gltf_file::{path_inside, read_file};
 use crate::gltf_material::decode;
 use crate::mesh::{Material, Mesh, Part, Phong, SceneTexture};
@@ -184,6 +185,14 @@ pub(super) fn read_texture(folder: &Path, name: &str) -> Result<SceneTexture, St
     })?;
     let bytes = read_file(&inside).map_err(|e| e.to_string())?;
     decode(&bytes, TEXTURE_BYTES).map_err(|e| format!("{shown}: {e}"))
+}
+
+pub(super) fn check_texture(path: &Path) -> Result<(), SceneError> {
+    let bytes = read_file(path)?;
+    let decoded = decode(&bytes, TEXTURE_BYTES);
+    decoded
+        .map(|_| ())
+        .map_err(|reason| SceneError::broken(&path.display().to_string(), reason.to_string()))
 }
 
 fn has_coordinates(mesh: &Mesh) -> bool {

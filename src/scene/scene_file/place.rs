@@ -6,7 +6,7 @@ use penumbra_interface::RigidTransform;
 use penumbra_strict_toml::Fault;
 
 /// Maximum coordinate, metres.
-const MAX_COORDINATE: f64 = 1e5;
+pub(super) const MAX_COORDINATE: f64 = 1e5;
 
 impl Place {
     /// Returns the pose given at the key `at`; missing values mean no translation or rotation.

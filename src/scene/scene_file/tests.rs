@@ -2,6 +2,7 @@ use super::*;
 use crate::planes::{Layer, Receiver};
 use penumbra_camera::linear_from_srgb;
 
+mod displaced;
 mod lamps;
 
 fn read(text: &str) -> Result<SceneAddition, SceneError> {
@@ -596,4 +597,45 @@ fn reads_the_bundled_scenes() {
         (moving.motions.parts.len(), moving.motions.lamps.len()),
         (2, 1)
     );
+}
+
+/// A triangle as PLY.
+const TRIANGLE: &str = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\n\
+    property float z\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n\
+    0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n";
+
+#[test]
+fn a_model_alone_is_a_scene() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("triangle.ply");
+    std::fs::write(&path, TRIANGLE).unwrap();
+    let scene = SceneAddition::load_model(&path).unwrap();
+    assert_eq!((scene.objects.len(), scene.groups.len()), (1, 1));
+    assert!(scene.session_phantoms);
+    std::fs::write(&path, "ply\nnonsense").unwrap();
+    let text = SceneAddition::load_model(&path).unwrap_err().to_string();
+    assert!(text.contains("triangle.ply"), "{text}");
+}
+
+#[cfg(unix)]
+#[test]
+fn files_outside_of_the_folder_are_found() {
+    let parent = tempfile::tempdir().unwrap();
+    let folder = parent.path().join("scenes");
+    std::fs::create_dir(&folder).unwrap();
+    std::fs::write(parent.path().join("a.ply"), TRIANGLE).unwrap();
+    std::fs::write(folder.join("a.ply"), TRIANGLE).unwrap();
+    std::os::unix::fs::symlink("../a.ply", folder.join("link.ply")).unwrap();
+    let scene = folder.join("s.toml");
+    let outside = |model: &str| {
+        std::fs::write(&scene, format!("[[object]]\nfile = \"{model}\"\n")).unwrap();
+        file_outside(&scene).is_some()
+    };
+    assert!(!outside("a.ply"));
+    assert!(!outside("gone.ply"));
+    assert!(outside("../a.ply"));
+    assert!(outside("../gone.ply"));
+    assert!(outside("link.ply"));
+    assert!(outside(&parent.path().join("a.ply").display().to_string()));
+    assert!(file_outside(&folder.join("link.ply")).is_some());
 }

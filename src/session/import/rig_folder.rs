@@ -2,10 +2,8 @@
 
 use super::folder::Folder;
 use super::{Camera, ImportError, Item, Plan};
-use crate::messages;
-use glam::{DMat4, DVec3};
-use penumbra_interface::{MonotonicTime, PoseSample, RigidTransform};
-use penumbra_tracker_serial::fastrak::{Decoder, Format, METRES_PER_CENTIMETRE, METRES_PER_INCH};
+use crate::{messages, views};
+use penumbra_interface::{MonotonicTime, PoseSample};
 use serde_json::Value;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -185,16 +183,7 @@ fn view_tracker(rig: &Value, plan: &mut Plan) {
     if rig.is_null() {
         return;
     }
-    let format = Format {
-        metres_per_unit: match rig["tracker"]["fastrak"]["units"].as_str() {
-            Some("centimetres") => METRES_PER_CENTIMETRE,
-            Some("millimetres") => 0.001,
-            Some("metres") => 1.0,
-            _ => METRES_PER_INCH,
-        },
-        ..Format::default()
-    };
-    let mut decoder = Decoder::new(format);
+    let mut decoder = views::tracker_decoder(rig);
     let mut views = Vec::new();
     for (arrived_at, item) in &plan.items {
         if let Item::TrackerBytes { bytes } = item {
@@ -213,70 +202,14 @@ fn view(sample: &PoseSample) -> (MonotonicTime, Item) {
 
 /// Adds calibrations and constant transforms for viewers, as far as `rig.json` has them.
 pub(super) fn view_rig(rig: &Value, plan: &mut Plan) {
-    let fixed = [
-        ("world", "tracker", &rig["tracker"]["T_world_source"]),
-        ("sensor_1", "scene_camera", &rig["tracker"]["T_sensor_cam"]),
-        (
-            "world",
-            "environment_camera",
-            &rig["environment_camera"]["T_world_cam"],
-        ),
-    ];
-    for (parent, child, matrix) in fixed {
-        if let Some(pose) = rigid(&matrix["matrix_row_major"]) {
-            plan.fixed
-                .push(((parent.to_owned(), child.to_owned()), pose));
-        }
-    }
+    let named = views::fixed(rig).into_iter();
+    let owned = |(parent, child): (&str, &str)| (parent.to_owned(), child.to_owned());
+    plan.fixed
+        .extend(named.map(|(frames, pose)| (owned(frames), pose)));
     let start = plan.items.iter().map(|(arrived_at, _)| *arrived_at).min();
-    let Some(stamp) = start.and_then(messages::timestamp) else {
-        return;
-    };
-    let cameras = [
-        (Camera::Scene, &rig["scene_camera"]),
-        (Camera::Environment, &rig["environment_camera"]),
-    ];
-    for (camera, calibration) in cameras {
-        if let (Some(size), Some((k, model))) = (size(calibration), intrinsics(calibration)) {
-            let message = messages::camera_calibration(camera, size, k, model, stamp);
-            plan.calibrations.push((camera, message));
-        }
+    if let Some(stamp) = start.and_then(messages::timestamp) {
+        plan.calibrations.extend(views::calibrations(rig, stamp));
     }
-}
-
-fn size(camera: &Value) -> Option<(u32, u32)> {
-    let side = |i: usize| u32::try_from(camera["image_size"][i].as_u64()?).ok();
-    Some((side(0)?, side(1)?))
-}
-
-/// Returns K and the distortion model of a pinhole camera or a fisheye.
-fn intrinsics(camera: &Value) -> Option<([f64; 9], &'static str)> {
-    let projection = &camera["projection"];
-    if let (Some(f), Some(cx), Some(cy)) = (
-        projection["f"].as_f64(),
-        projection["cx"].as_f64(),
-        projection["cy"].as_f64(),
-    ) {
-        return Some(([f, 0.0, cx, 0.0, f, cy, 0.0, 0.0, 1.0], "kannala_brandt"));
-    }
-    let mut k = [0.0; 9];
-    for (i, value) in k.iter_mut().enumerate() {
-        *value = camera["K"][i / 3][i % 3].as_f64()?;
-    }
-    Some((k, "plumb_bob"))
-}
-
-fn rigid(rows: &Value) -> Option<RigidTransform> {
-    let mut columns = [[0.0; 4]; 4];
-    for (i, column) in columns.iter_mut().enumerate() {
-        for (j, value) in column.iter_mut().enumerate() {
-            *value = rows[j][i].as_f64()?;
-        }
-    }
-    let matrix = DMat4::from_cols_array_2d(&columns);
-    let pose = RigidTransform::from_matrix(matrix);
-    let is_rotation = (matrix.determinant() - 1.0).abs() < 1e-3;
-    (is_rotation && pose.translation.cmpgt(DVec3::splat(f64::MIN)).all()).then_some(pose)
 }
 
 #[cfg(test)]

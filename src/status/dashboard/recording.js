@@ -8,8 +8,10 @@ const MAX_LEFT_S = 30 * 86_400; // more time left is no news
 const WORDS = { unavailable: 'live only', idle: 'not recording', recording: 'recording', finished: 'recorded', failed: 'ended early' };
 
 const button = $('record');
+const composite = $('composite');
 let state = 'unavailable';
 let asking = false; // while a request is under way
+let chosen = false; // whether the viewer has chosen what is recorded
 let refusal = ''; // why the last request was refused
 
 /** Formats bytes. */
@@ -21,8 +23,11 @@ function size(bytes) {
 function line(r) {
   if (!r.file) return '';
   const parts = [r.file.split(/[\\/]/).pop(), size(r.bytes), duration(r.seconds)];
+  if (r.composites) parts.push(`${r.composites} composited pictures`);
+  if (r.state === 'recording' && r.bytes_per_second) parts.push(`${size(r.bytes_per_second * 60)} per minute`);
   if (r.state === 'recording' && r.seconds_left !== null && r.seconds_left < MAX_LEFT_S) parts.push(`${duration(r.seconds_left)} left`);
   if (r.free_bytes !== null) parts.push(`${size(r.free_bytes)} free`);
+  if (r.composites_dropped) parts.push(`${r.composites_dropped} composited pictures dropped`);
   if (r.dropped) parts.push(`${r.dropped} dropped: the disk is too slow`);
   return parts.join(' · ');
 }
@@ -37,6 +42,8 @@ export function recording(r) {
   flag($('recording-trouble'), state === 'failed' ? r.description : refusal);
   put(button, state === 'recording' ? 'Stop recording' : 'Record');
   button.disabled = asking || closed;
+  composite.disabled = closed || state === 'recording';
+  if (!chosen || state === 'recording') composite.checked = r.composite;
 }
 
 /** Starts or stops a recording; the rig's answer is its state. */
@@ -45,7 +52,8 @@ async function toggle() {
   button.disabled = true;
   refusal = '';
   try {
-    const answer = await post('/recording', { record: state !== 'recording' });
+    const starts = state !== 'recording';
+    const answer = await post('/recording', starts ? { record: true, composite: composite.checked } : { record: false });
     asking = false;
     recording(answer);
   } catch (error) {
@@ -57,3 +65,4 @@ async function toggle() {
 }
 
 button.addEventListener('click', toggle);
+composite.addEventListener('change', () => { chosen = true; });

@@ -1,14 +1,19 @@
 // Requests to the rig.
 
 /** Posts JSON and returns the answer; throws the rig's reason if it refuses. */
-export async function post(path, body) {
+export const post = (path, body) => send(path, 'application/json', JSON.stringify(body), 10_000);
+
+/** Posts a file and returns the answer; throws the rig's reason if it refuses. */
+export const upload = (path, file) => send(path, 'application/octet-stream', file, 120_000);
+
+async function send(path, type, body, limitMs) {
   let response;
   try {
     response = await fetch(path, {
       method: 'POST',
-      headers: { 'Content-Type': 'application/json' },
-      body: JSON.stringify(body),
-      signal: AbortSignal.timeout(10_000),
+      headers: { 'Content-Type': type },
+      body,
+      signal: AbortSignal.timeout(limitMs),
     });
   } catch {
     throw new Error('No answer from the rig; nothing was changed.');

@@ -1,0 +1,97 @@
+//! Defaults in the help of options that override the configuration: clap does not know them, because
+//! without the option the configuration's value applies.
+
+use clap::{Arg, Command};
+use penumbra_config::default_value;
+
+/// Options of `run` and `replay`, and their settings.
+const SHOW: [(&str, &str); 14] = [
+    ("scene", "scene.file"),
+    ("listen", "status.listen"),
+    ("adapter", "gpu.adapter"),
+    ("quality", "picture.quality"),
+    ("environment_source", "environment.source"),
+    ("light_placement", "environment.light_placement"),
+    ("light_count", "environment.light_count"),
+    ("shadow_mode", "shadows.mode"),
+    ("reflections", "shading.reflections"),
+    ("lamp_response", "shading.lamp_response"),
+    ("technique", "shadows.technique"),
+    ("exposure", "exposure.mode"),
+    ("highlights", "exposure.highlights"),
+    ("monitor", "output.monitor"),
+];
+const REPLAY: [(&str, &str); 2] = [("speed", "replay.speed"), ("pairing", "replay.pairing")];
+const BAKE: [(&str, &str); 6] = [
+    ("planes", "planes.count"),
+    ("frequency", "planes.frequency"),
+    ("clusters", "planes.clusters"),
+    ("resolution", "planes.resolution"),
+    ("samples", "planes.samples"),
+    ("adapter", "gpu.adapter"),
+];
+const BENCH: [(&str, &str); 1] = [("adapter", "gpu.adapter")];
+const RECORD: [(&str, &str); 1] = [("listen", "status.listen")];
+
+/// Adds the defaults to the help of the commands.
+pub fn add_to(program: Command) -> Command {
+    // In place, so that the order of the options stays.
+    let add = |program: Command, name: &str, options: &'static [(&str, &str)]| {
+        program.mut_subcommand(name, |command| {
+            command.mut_args(|arg| with_default(arg, options))
+        })
+    };
+    let program = add(program, "run", &SHOW);
+    let program = add(program, "replay", &SHOW);
+    let program = add(program, "replay", &REPLAY);
+    let program = add(program, "bake", &BAKE);
+    let program = add(program, "bench", &BENCH);
+    add(program, "record", &RECORD)
+}
+
+fn with_default(arg: Arg, options: &[(&str, &str)]) -> Arg {
+    let setting = options.iter().find(|(option, _)| arg.get_id() == option);
+    let Some(default) = setting.and_then(|(_, setting)| default_value(setting)) else {
+        return arg;
+    };
+    let help = arg.get_help().map(ToString::to_string).unwrap_or_default();
+    arg.help(format!("{help} [default: {default}]"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_option_of_the_lists_shows_the_default_of_its_setting() {
+        let mut program = crate::cli::command();
+        program.build();
+        let lists: [(&str, &[(&str, &str)]); 6] = [
+            ("run", &SHOW),
+            ("replay", &SHOW),
+            ("replay", &REPLAY),
+            ("bake", &BAKE),
+            ("bench", &BENCH),
+            ("record", &RECORD),
+        ];
+        for (name, options) in lists {
+            let command = program.find_subcommand(name).unwrap();
+            for (option, setting) in options {
+                let arg = command.get_arguments().find(|a| a.get_id() == option);
+                let help = arg.unwrap().get_help().unwrap().to_string();
+                let shown = help
+                    .rsplit_once("[default: ")
+                    .map(|(_, rest)| rest.trim_end_matches(']'));
+                assert_eq!(
+                    shown.map(str::to_owned),
+                    default_value(setting),
+                    "{name} {option}"
+                );
+            }
+        }
+        assert_eq!(
+            default_value("environment.light_count").as_deref(),
+            Some("64")
+        );
+    }
+}
