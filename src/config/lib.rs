@@ -281,6 +281,8 @@ pub struct StatusConfig {
     pub token: Option<String>,
     /// JPEG quality of the stream, 1..=100.
     pub stream_quality: u8,
+    /// The printed sheet through whose set-up the page guides: a PDF.
+    pub guide: Option<PathBuf>,
 }
 
 impl fmt::Debug for StatusConfig {
@@ -290,6 +292,7 @@ impl fmt::Debug for StatusConfig {
             .field("listen", &self.listen)
             .field("token", &self.token.as_ref().map(|_| "(set)"))
             .field("stream_quality", &self.stream_quality)
+            .field("guide", &self.guide)
             .finish()
     }
 }
@@ -397,6 +400,7 @@ impl Default for StatusConfig {
             listen: SocketAddr::from((Ipv4Addr::LOCALHOST, 8780)),
             token: None,
             stream_quality: 80,
+            guide: None,
         }
     }
 }

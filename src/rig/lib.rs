@@ -55,6 +55,8 @@ mod scenes;
 
 // What is known of the run.
 mod latency_status;
+mod lens_refiner;
+mod levels;
 mod live_status;
 mod notify;
 mod probe_status;
@@ -73,6 +75,7 @@ pub mod wall_date;
 pub use context::RunOptions;
 pub use damage::{DamagedPart, LostCounts};
 pub use error::RigError;
+pub use lens_refiner::REFINED_SOURCE;
 pub use penumbra_output::Screen;
 pub use recorder::Recorder;
 pub use report::Report;

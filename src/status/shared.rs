@@ -1,6 +1,7 @@
 //! The state shared by the rig, which writes it, and the server, which reads it.
 
 use super::calibration::CalibrationControl;
+use super::guide::GuideStatus;
 use super::log::{Level, Log, LogEntry};
 use super::objects::{ObjectAnswer, ObjectControl, ObjectRefusal, ObjectRequest};
 use super::playback::{Playback, PlaybackChange, PlaybackRefusal, PlaybackStatus};
@@ -29,6 +30,8 @@ pub struct SharedStatus {
     recorder: OnceLock<Arc<dyn RecordingControl>>,
     calibrator: OnceLock<Arc<dyn CalibrationControl>>,
     objects: OnceLock<Arc<dyn ObjectControl>>,
+    /// The sheet of a webcam's rig, a PDF.
+    sheet: OnceLock<Arc<[u8]>>,
 }
 
 #[derive(Default)]
@@ -70,6 +73,7 @@ impl SharedStatus {
             recorder: OnceLock::new(),
             calibrator: OnceLock::new(),
             objects: OnceLock::new(),
+            sheet: OnceLock::new(),
         })
     }
 
@@ -118,6 +122,10 @@ impl SharedStatus {
         snapshot.playback.jumps_requested = playback.jumps;
         snapshot.settings_requested = self.settings.borrow().clone();
         snapshot.settings_configured = self.configured.clone();
+        if let Some(guide) = snapshot.guide.take() {
+            let steps = super::guide::steps(&guide, &snapshot);
+            snapshot.guide = Some(GuideStatus { steps, ..guide });
+        }
         snapshot
     }
 
@@ -259,6 +267,17 @@ impl SharedStatus {
                 reason: "the rig shows no virtual objects yet".to_owned(),
             })?;
         objects.carry_out(request)
+    }
+
+    /// Sets the printed sheet of a webcam's rig, a PDF. Only the first call has an effect.
+    pub fn set_sheet(&self, pdf: Vec<u8>) {
+        let _ = self.sheet.set(pdf.into());
+    }
+
+    /// Returns that sheet; `None` for other rigs.
+    #[must_use]
+    pub fn sheet(&self) -> Option<Arc<[u8]>> {
+        self.sheet.get().cloned()
     }
 
     /// Sets the calibrator that handles requests to calibrate. Only the first call has an effect.

@@ -21,4 +21,5 @@ mod setups;
 mod simulate;
 mod technique;
 mod tools;
+mod webcam;
 mod window;
