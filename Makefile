@@ -13,6 +13,11 @@ TABLE_SESSION ?= tests/fixtures/sessions/tea-table.mcap
 TEMPLE_SESSION ?= tests/fixtures/sessions/courtyard.mcap
 TRUTH ?= ../shared/truth
 RIGS ?= ../shared/rigs
+# The webcam's rig: name of the camera, ball's diameter, paper, measured length of the printed line.
+CAMERA ?= auto
+BALL_MM ?= 70
+PAPER ?= a4
+RULER_MM ?= 100
 PREFIX ?= /usr/local
 SYSCONFDIR ?= /etc
 UNITDIR ?= /etc/systemd/system
@@ -32,7 +37,7 @@ DEMO_PAGE := http://127.0.0.1:8780
 OPEN_PAGE := if [ -n "$(DISPLAY)$(WAYLAND_DISPLAY)" ] && command -v xdg-open >/dev/null; then \
   (for _ in $$(seq 60); do curl -sf $(DEMO_PAGE)/healthz >/dev/null && { xdg-open $(DEMO_PAGE) >/dev/null 2>&1; break; }; sleep 1; done) & fi
 
-.PHONY: announce help demo demo-table demo-temple demo-lamp build test check docs docs-write unit advisories bench bench-table bench-compare gpu-check fidelity near-lamps calibration soak fuzz fmt packages-demo packages-test toolchain clean install uninstall deb tarball deb-proof test-devices
+.PHONY: announce help demo demo-table demo-temple demo-lamp demo-webcam build test check docs docs-write unit advisories bench bench-table bench-compare gpu-check fidelity near-lamps calibration soak fuzz fmt packages-demo packages-test toolchain clean install uninstall deb tarball deb-proof test-devices
 
 help: ## This list
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/' | expand -t 14
@@ -56,6 +61,10 @@ demo-lamp: announce packages-demo build ## The same with a virtual lamp that lig
 	@echo "Ball, cone and lamp are virtual; the lamp lights the real table. $(ON_PAGE)"
 	@$(OPEN_PAGE)
 	@$(UNPACKED) exec $(PENUMBRA) replay $(SESSION) --config config/demo-lamp.toml --loop $(WINDOW) $(ARGS)
+
+demo-webcam: announce packages-demo build ## Your own webcam, a printed sheet and a shiny ball; CAMERA=/dev/video0 BALL_MM=70 PAPER=letter RULER_MM=98
+	@$(OPEN_PAGE)
+	@$(UNPACKED) exec $(PENUMBRA) webcam --camera "$(CAMERA)" --ball-mm "$(BALL_MM)" --paper "$(PAPER)" --ruler-mm "$(RULER_MM)" --headless $(ARGS)
 
 announce:
 	@test -e $(PENUMBRA) || echo 'The first build takes 5 to 15 minutes on two cores; cargo shows how far it is. Later ones take seconds.'

@@ -2,7 +2,7 @@
 //! maps and the environment camera. Estimators and plain data; no input or output, no GPU.
 //!
 //! In the order of data flow: [`step`] is the interface of all calibration steps, [`simulation`]
-//! renders input for them and [`board_sheet`] prints boards. [`intrinsics`] calibrates lenses,
+//! renders input for them, [`board_sheet`] and [`webcam_sheet`] lay out a [`sheet`] to print. [`intrinsics`] calibrates lenses,
 //! [`radiometric`] tone curves and gains, [`tag_map`] the fiducials' relative poses, [`latency`]
 //! and [`hand_eye`] the tracker (steps in [`hand_eye_calibration`]), and
 //! [`environment_camera_calibration`] the environment camera. [`verify`] checks a calibrated rig,
@@ -18,8 +18,10 @@ pub mod intrinsics;
 pub mod latency;
 pub mod radiometric;
 pub mod report;
+pub mod sheet;
 pub mod simulation;
 pub mod step;
 mod summary;
 pub mod tag_map;
 pub mod verify;
+pub mod webcam_sheet;

@@ -54,6 +54,9 @@ pub struct MirrorSphere {
     pub centre_in_world: DVec3,
     /// Radius, metres.
     pub radius: f64,
+    /// Standard deviation of the centre along each horizontal axis, metres: of a sphere that was
+    /// placed by hand. 0 for a measured centre.
+    pub position_sigma: f64,
     /// Linear reflectance per channel, 0 to 1.
     pub reflectance: [f32; 3],
     /// The sphere is visible to the scene camera too, and therefore also a phantom object.

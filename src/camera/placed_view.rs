@@ -378,6 +378,7 @@ mod tests {
             sphere: MirrorSphere {
                 centre_in_world: eye + forward * 0.39,
                 radius: 0.03,
+                position_sigma: 0.0,
                 reflectance: [0.9; 3],
                 in_scene: false,
             },

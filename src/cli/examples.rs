@@ -35,6 +35,23 @@ const EXAMPLES: &[(&str, &[(&str, &str)])] = &[
         ],
     ),
     (
+        "webcam",
+        &[
+            (
+                "penumbra webcam --ball-mm 70",
+                "the first camera; writes webcam/sheet.pdf to print",
+            ),
+            (
+                "penumbra webcam --camera simulated --size 640x480",
+                "without a camera, printer and ball",
+            ),
+            (
+                "penumbra webcam --paper letter --ruler-mm 97 --prepare-only",
+                "a sheet that was printed too small",
+            ),
+        ],
+    ),
+    (
         "record",
         &[
             (

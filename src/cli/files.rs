@@ -4,6 +4,7 @@ use anyhow::bail;
 use penumbra_picture::write_whole;
 use serde::Serialize;
 use std::fs::File;
+use std::io::Read;
 use std::path::{Path, PathBuf};
 
 /// Checks that an output file can be written, before the work starts.
@@ -68,6 +69,23 @@ pub fn write(path: &Path, bytes: &[u8], force: bool) -> anyhow::Result<()> {
         })
     });
     written.map_err(|e| anyhow::anyhow!("{}: cannot be written ({e})", path.display()))
+}
+
+/// Reads a printed sheet, of at most 4 MiB.
+pub fn read_pdf(path: &Path) -> anyhow::Result<Vec<u8>> {
+    const MAX_BYTES: u64 = 4 << 20;
+    let trouble = |e: &dyn std::fmt::Display| {
+        anyhow::anyhow!("{}: {e}; [status] guide names a PDF", path.display())
+    };
+    let mut bytes = Vec::new();
+    let file = File::open(path).map_err(|e| trouble(&e))?;
+    file.take(MAX_BYTES + 1)
+        .read_to_end(&mut bytes)
+        .map_err(|e| trouble(&e))?;
+    if bytes.len() as u64 > MAX_BYTES || !bytes.starts_with(b"%PDF-") {
+        return Err(trouble(&"is not a PDF of at most 4 MiB"));
+    }
+    Ok(bytes)
 }
 
 /// Refuses a folder that already holds one of `names`, unless `force` is set.

@@ -16,7 +16,7 @@ use std::sync::atomic::AtomicBool;
 #[derive(Debug, Args)]
 pub struct RunArgs {
     #[command(flatten)]
-    show: ShowArgs,
+    pub show: ShowArgs,
     /// Also record all devices into this new session
     #[arg(long, value_name = "OUT.mcap")]
     record: Option<PathBuf>,
@@ -37,6 +37,9 @@ pub fn run(args: &RunArgs) -> anyhow::Result<ExitCode> {
         config.recording.clone(),
         status.clone(),
     );
+    if let Some(sheet) = &config.status.guide {
+        status.set_sheet(super::files::read_pdf(sheet)?);
+    }
     status.set_recorder(recorder.clone());
     status.set_calibrator(Calibrator::new(&live, &config));
     let options = args.show.options();

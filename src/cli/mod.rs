@@ -15,8 +15,8 @@ mod generate;
 mod import;
 mod light;
 mod live;
-mod photo;
 mod page_log;
+mod photo;
 mod ports;
 mod progress;
 mod quiet;
@@ -24,6 +24,7 @@ mod record;
 mod replay;
 mod show;
 mod simulate;
+mod webcam;
 
 use clap::error::{ContextKind, ContextValue, ErrorKind};
 use clap::{CommandFactory as _, FromArgMatches as _, Parser, Subcommand};
@@ -59,6 +60,8 @@ enum Command {
     Replay(Box<replay::ReplayArgs>),
     /// Run a live rig: cameras and tracker to a window, to a browser, to files
     Run(Box<live::RunArgs>),
+    /// Set up and run a webcam's rig: a printed sheet with tags, and a shiny ball on it
+    Webcam(Box<webcam::WebcamArgs>),
     /// Record the live rig into a session without compositing
     Record(record::RecordArgs),
     /// Bake shadows onto planes around a scene's objects in advance, for `--technique shadowing-planes`
@@ -146,6 +149,7 @@ fn carry_out(command: Command) -> anyhow::Result<ExitCode> {
     match command {
         Command::Replay(args) => replay::run(*args),
         Command::Run(args) => live::run(&args),
+        Command::Webcam(args) => webcam::run(*args),
         Command::Record(args) => record::run(&args),
         Command::Bake(args) => bake::run(&args),
         Command::Import(args) => import::run(args),

@@ -68,6 +68,7 @@ fn convert(file: ConfigFile, folder: &Path) -> Result<Config> {
     set(&mut config.input.yuv_matrix, file.input.yuv_matrix);
     set(&mut config.input.yuv_range, file.input.yuv_range);
     output(file.output, folder, &mut config.output)?;
+    config.status.guide = file.status.guide.as_ref().map(|path| folder.join(path));
     status(file.status, &mut config.status)?;
     config.gpu.adapter = file.gpu.adapter.filter(|name| name != "auto");
     set(&mut config.replay.speed, file.replay.speed);

@@ -185,6 +185,7 @@ pub(super) struct Status {
     pub listen: Option<String>,
     pub token: Option<String>,
     pub stream_quality: Option<u32>,
+    pub guide: Option<String>,
 }
 
 #[derive(Debug, Default, Deserialize)]

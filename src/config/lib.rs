@@ -321,6 +321,8 @@ pub struct StatusConfig {
     pub token: Option<String>,
     /// JPEG quality of the stream, 1..=100.
     pub stream_quality: u8,
+    /// The printed sheet through whose set-up the page guides: a PDF.
+    pub guide: Option<PathBuf>,
 }
 
 impl fmt::Debug for StatusConfig {
@@ -330,6 +332,7 @@ impl fmt::Debug for StatusConfig {
             .field("listen", &self.listen)
             .field("token", &self.token.as_ref().map(|_| "(set)"))
             .field("stream_quality", &self.stream_quality)
+            .field("guide", &self.guide)
             .finish()
     }
 }
@@ -437,6 +440,7 @@ impl Default for StatusConfig {
             listen: SocketAddr::from((Ipv4Addr::LOCALHOST, 8780)),
             token: None,
             stream_quality: 80,
+            guide: None,
         }
     }
 }

@@ -70,6 +70,8 @@ pub struct RegistrationConfig {
     pub distortion: Distortion,
     /// Time between two rows of the scene camera's picture, seconds; 0 for a global shutter.
     pub row_seconds: f64,
+    /// Whether a live rig refines the scene camera's lens by views of its markers.
+    pub refine_lens: bool,
     /// Instant for which a picture is rendered.
     pub predict: Predict,
     /// Time from presenting a picture in the window until it is seen, nanoseconds.
@@ -83,6 +85,7 @@ impl Default for RegistrationConfig {
             fixed: None,
             distortion: Distortion::default(),
             row_seconds: 0.0,
+            refine_lens: false,
             predict: Predict::default(),
             display_delay_nanos: 15_000_000,
         }
@@ -98,6 +101,7 @@ pub(super) struct RegistrationFile {
     pub fixed_rotation_wxyz: Option<[f64; 4]>,
     pub distortion: Option<Distortion>,
     pub row_time_micros: Option<f64>,
+    pub refine_lens: Option<bool>,
     pub predict: Option<Predict>,
     pub display_delay_ms: Option<f64>,
     pub dictionaries: Vec<String>,
@@ -236,6 +240,7 @@ pub(super) fn registration(file: &RegistrationFile, out: &mut RegistrationConfig
         ));
     }
     set(&mut out.distortion, file.distortion);
+    set(&mut out.refine_lens, file.refine_lens);
     set(&mut out.predict, file.predict);
     if let Some(ms) = file.display_delay_ms {
         if !(0.0..=LONGEST_DELAY_MS).contains(&ms) {

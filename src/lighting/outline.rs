@@ -19,6 +19,10 @@ use penumbra_camera::SphereInCamera;
 use penumbra_numerics::{median, tukey_weight};
 use penumbra_picture::Picture;
 
+mod locate;
+
+pub use locate::{LocatedSphere, locate};
+
 /// Rays along the rim.
 const RAYS: usize = 120;
 /// Positions per pixel along a normal.

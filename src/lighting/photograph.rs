@@ -214,6 +214,7 @@ impl PhotographCalibration {
             sphere: MirrorSphere {
                 centre_in_world: DVec3::ZERO,
                 radius: 1.0,
+                position_sigma: 0.0,
                 reflectance: self.reflectance.unwrap_or([1.0; 3]),
                 in_scene: false,
             },

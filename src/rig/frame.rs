@@ -4,10 +4,10 @@ use crate::display::DisplayPrediction;
 use crate::feed::FeedCounts;
 use crate::latency_monitor::LatencyState;
 use crate::light::state::LightState;
-use penumbra_camera::{ExposureMotion, RollingShutter};
+use penumbra_camera::{ExposureMotion, PinholeCamera, RollingShutter};
 use penumbra_interface::RigidTransform;
 use penumbra_picture::Picture;
-use penumbra_status::RegistrationStatus;
+use penumbra_status::{LensStatus, Levels, RegistrationStatus};
 use penumbra_sync::{PairingCounts, RigFrame};
 use std::sync::Arc;
 use std::time::Duration;
@@ -20,6 +20,12 @@ pub struct PreparedFrame {
     pub frame: RigFrame,
     /// The scene camera's picture.
     pub picture: Picture,
+    /// The scene camera's lens.
+    pub camera: PinholeCamera,
+    /// Where the lens comes from.
+    pub lens: LensStatus,
+    /// Brightness of the picture.
+    pub levels: Levels,
     /// The scene camera's pose.
     pub world_from_camera: Option<RigidTransform>,
     /// Source and uncertainty of that pose.

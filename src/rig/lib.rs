@@ -60,6 +60,8 @@ mod scenes;
 
 // What is known of the run.
 mod latency_status;
+mod lens_refiner;
+mod levels;
 mod live_status;
 mod notify;
 mod probe_status;
@@ -80,6 +82,7 @@ pub use composites::Composites;
 pub use context::RunOptions;
 pub use damage::{DamagedPart, LostCounts};
 pub use error::RigError;
+pub use lens_refiner::REFINED_SOURCE;
 pub use penumbra_output::Screen;
 pub use recorder::Recorder;
 pub use report::Report;

@@ -3,6 +3,7 @@
 
 use glam::{DMat4, DVec2, DVec3};
 use penumbra_camera::PinholeCamera;
+use penumbra_config::Distortion;
 use penumbra_interface::RigidTransform;
 use penumbra_scene::edit::{EDIT_SCALES, Edit, MAX_OFFSET};
 use penumbra_scene::{RayCaster, Scene};
@@ -18,7 +19,7 @@ const MAX_DISTANCE: f64 = 100.0;
 /// The requested places of the objects, and the newest picture's view of them.
 pub(super) struct ObjectEditor {
     status: Arc<SharedStatus>,
-    camera: PinholeCamera,
+    distortion: Distortion,
     state: Mutex<State>,
 }
 
@@ -39,6 +40,8 @@ struct State {
 #[derive(Clone)]
 struct View {
     scene: Arc<Scene>,
+    /// The lens of the composed picture.
+    camera: PinholeCamera,
     world_from_camera: RigidTransform,
     seconds: f64,
 }
@@ -51,10 +54,10 @@ struct Ray {
 }
 
 impl ObjectEditor {
-    pub fn new(status: &Arc<SharedStatus>, camera: &PinholeCamera, base: Arc<Scene>) -> Arc<Self> {
+    pub fn new(status: &Arc<SharedStatus>, distortion: Distortion, base: Arc<Scene>) -> Arc<Self> {
         let editor = Self {
             status: Arc::clone(status),
-            camera: camera.clone(),
+            distortion,
             state: Mutex::new(State {
                 edits: vec![Edit::default(); base.object_list().len()],
                 base,
@@ -70,9 +73,20 @@ impl ObjectEditor {
     }
 
     /// Sets what the newest picture shows; without a pose nothing can be picked.
-    pub fn set_view(&self, scene: &Arc<Scene>, pose: Option<RigidTransform>, seconds: f64) {
+    pub fn set_view(
+        &self,
+        scene: &Arc<Scene>,
+        pose: Option<RigidTransform>,
+        camera: &PinholeCamera,
+        seconds: f64,
+    ) {
+        let mut camera = camera.clone();
+        if self.distortion == Distortion::Undistorted {
+            camera.distortion = [0.0; 5];
+        }
         self.lock().view = pose.map(|world_from_camera| View {
             scene: Arc::clone(scene),
+            camera,
             world_from_camera,
             seconds,
         });
@@ -117,8 +131,9 @@ impl ObjectEditor {
     }
 
     fn ray(&self, view: &View, [u, v]: [f64; 2]) -> Ray {
-        let size = DVec2::new(f64::from(self.camera.width), f64::from(self.camera.height));
-        let direction = self.camera.unproject(DVec2::new(u, v) * size - 0.5);
+        let camera = &view.camera;
+        let size = DVec2::new(f64::from(camera.width), f64::from(camera.height));
+        let direction = camera.unproject(DVec2::new(u, v) * size - 0.5);
         Ray {
             origin: view.world_from_camera.translation,
             direction: view.world_from_camera.rotation * direction,

@@ -12,6 +12,8 @@ use crate::frame::{Counts, PreparedFrame};
 use crate::held_frames::HeldFrames;
 use crate::journal::Journal;
 use crate::latency_monitor::{LatencyMonitor, LatencyState};
+use crate::lens_refiner::{LensRefiner, lens_status};
+use crate::levels::levels;
 use crate::light::estimator::LightEstimator;
 use crate::light::scheduler::LightScheduler;
 use crate::light::state::{LightRequest, LightState};
@@ -27,7 +29,7 @@ use crate::setup::TRACKER_NOISE;
 use crate::source::Source;
 use crossbeam_channel::{Receiver, Sender, bounded};
 use glam::DVec3;
-use penumbra_camera::{ExposureMotion, RollingShutter};
+use penumbra_camera::{ExposureMotion, PinholeCamera, RollingShutter};
 use penumbra_capture::Next;
 use penumbra_config::TrackerSource;
 use penumbra_config::{Config, LookConfig, PoseSource, Predict, ReplayPairing, ReplaySpeed};
@@ -36,7 +38,7 @@ use penumbra_interface::{MonotonicTime, RigidTransform};
 use penumbra_picture::{Picture, YuvEncoding, decode_within};
 use penumbra_registration::TrackerPose;
 use penumbra_session::SessionError;
-use penumbra_status::{Playback, RegistrationStatus, Settings};
+use penumbra_status::{LensStatus, Playback, RegistrationStatus, Settings};
 use penumbra_sync::{PairingConfig, RigFrame};
 use std::ops::RangeInclusive;
 use std::sync::Arc;
@@ -159,7 +161,12 @@ impl Preparation {
             feed: Feed::new(source, &setup.calibration, pairing, as_live),
             latency: LatencyMonitor::start(setup, config, source, pairing.station)?,
             journal: Journal::new(source),
-            tags: TagRegistration::new(setup, registration.row_seconds),
+            tags: TagRegistration::new(
+                setup,
+                registration.row_seconds,
+                LensRefiner::start(setup, config, source)?,
+            ),
+            lens: lens_status(setup, source),
             row_seconds: registration.row_seconds,
             look: config.look,
             last_pose: None,
@@ -218,6 +225,8 @@ struct Worker {
     setup: RigSetup,
     /// Registration by fiducials, if the rig uses them.
     tags: Option<TagRegistration>,
+    /// Status of a lens that is not being refined.
+    lens: LensStatus,
     /// Predicts the pose at the instant of display, if configured.
     display: Option<DisplayPredictor>,
     /// Centre of the virtual objects, world, metres.
@@ -420,20 +429,16 @@ impl Worker {
             return PreparationEvent::Skipped;
         }
         let begun = Instant::now();
-        let mut picture = self.recycled.try_recv().unwrap_or_default();
-        let max_pixels = self.setup.max_scene_pixels();
-        if decode_within(max_pixels, &frame.scene, &self.yuv, &mut picture).is_err() {
+        let Some(picture) = self.decode(&frame) else {
             return PreparationEvent::Damaged;
-        }
+        };
         let decoding = begun.elapsed();
         let mismatch = self.size_mismatch(&picture);
-        let world_from_camera = self
-            .setup
-            .world_from_camera(&frame)
-            .filter(|_| mismatch.is_none());
+        let fits = mismatch.is_none();
+        let tracked = self.setup.world_from_camera(&frame).filter(|_| fits);
         let seconds = frame.captured_at.seconds_since(first);
         let (world_from_camera, sphere, mut registration) =
-            self.register(&picture, &frame, world_from_camera, mismatch.is_none());
+            self.register(&picture, &frame, tracked, fits);
         let (setup, tracker) = (&self.setup, self.feed.tracker());
         let display = self.display.as_mut().and_then(|predictor| {
             predictor.predict(setup, tracker, &frame, world_from_camera, &registration)
@@ -443,16 +448,20 @@ impl Worker {
         let tracker_sigma = self.tracker_sigma(&frame, world_from_camera);
         let request = LightRequest {
             sphere,
-            ..LightRequest::new(&frame, seconds, world_from_camera)
+            ..LightRequest::new(&frame, seconds, world_from_camera, self.camera())
         };
         if let Some(record) = self.lights.schedule(&request, &picture, entry) {
             self.journal.write(request.arrived_at, record);
         }
         let counts = self.counts(false);
+        let (camera, lens) = (self.camera().clone(), self.lens_status());
         let light = self.lights.active_light();
         PreparationEvent::Frame(Box::new(PreparedFrame {
             index: frame.index,
             seconds,
+            camera,
+            lens,
+            levels: levels(&picture),
             picture,
             world_from_camera,
             registration,
@@ -470,6 +479,28 @@ impl Worker {
             counts,
             frame,
         }))
+    }
+
+    /// Decodes the scene camera's picture; `None` if it is damaged.
+    fn decode(&self, frame: &RigFrame) -> Option<Picture> {
+        let mut picture = self.recycled.try_recv().unwrap_or_default();
+        let max_pixels = self.setup.max_scene_pixels();
+        let decoded = decode_within(max_pixels, &frame.scene, &self.yuv, &mut picture);
+        decoded.is_ok().then_some(picture)
+    }
+
+    /// Returns the camera of the last picture: the calibrated one, or the one that its lens has been
+    /// refined to.
+    fn camera(&self) -> &PinholeCamera {
+        let calibrated = &self.setup.calibration.scene_camera.camera;
+        self.tags
+            .as_ref()
+            .map_or(calibrated, TagRegistration::camera)
+    }
+
+    fn lens_status(&self) -> LensStatus {
+        let refined = self.tags.as_ref().and_then(TagRegistration::lens_status);
+        refined.unwrap_or_else(|| self.lens.clone())
     }
 
     /// Returns whether a frame would be skipped because it is late.

@@ -1,5 +1,8 @@
 //! Finds the poses of the scene camera and the mirrored sphere by the fiducials in a picture.
 
+mod placed_ball;
+
+use crate::lens_refiner::LensRefiner;
 use crate::setup::RigSetup;
 use glam::DVec3;
 use penumbra_camera::EnvironmentView;
@@ -17,7 +20,8 @@ use penumbra_registration::{
 };
 use penumbra_rig_model::SphereMarker;
 use penumbra_scene::Scene;
-use penumbra_status::{RegistrationSource, RegistrationStatus};
+use penumbra_status::{LensStatus, RegistrationSource, RegistrationStatus};
+use placed_ball::{BallView, PlacedBall};
 
 /// Assumed standard deviation of a mirrored sphere's position in the picture, along each axis,
 /// pixels, where the tracker or the sphere's own marker provides none.
@@ -39,6 +43,10 @@ pub(crate) struct TagRegistration {
     marked_sphere: Option<MarkedSphere>,
     /// Centre of a stationary mirrored sphere, world, metres.
     fixed_sphere: Option<DVec3>,
+    /// The stationary mirrored sphere, if a hand has placed it.
+    placed_ball: Option<PlacedBall>,
+    /// Refines the lens, if configured.
+    refiner: Option<LensRefiner>,
 }
 
 /// A mirrored sphere with a marker of its own, and the marker's previous pose.
@@ -72,7 +80,7 @@ pub(crate) struct RegistrationResult {
 
 impl TagRegistration {
     /// Creates the registration of a rig; `None` if the rig uses no markers.
-    pub fn new(setup: &RigSetup, row_seconds: f64) -> Option<Self> {
+    pub fn new(setup: &RigSetup, row_seconds: f64, refiner: Option<LensRefiner>) -> Option<Self> {
         let rig = &setup.calibration;
         let marker = rig.sphere_marker.clone();
         if setup.tags.is_none() && marker.is_none() {
@@ -82,10 +90,12 @@ impl TagRegistration {
         families.extend(marker.iter().map(|m| m.family));
         families.sort_unstable();
         families.dedup();
-        let fixed_sphere = match rig.environment.as_ref().map(|e| &e.view) {
-            Some(EnvironmentView::SphereInScene { sphere }) => Some(sphere.centre_in_world),
+        let sphere = match rig.environment.as_ref().map(|e| &e.view) {
+            Some(EnvironmentView::SphereInScene { sphere }) if marker.is_none() => Some(sphere),
             _ => None,
         };
+        let placed_ball = sphere.and_then(PlacedBall::new);
+        let fixed_sphere = sphere.map(|sphere| sphere.centre_in_world);
         Some(Self {
             detector: Detector::new(&families, &rig.scene_camera.response),
             camera: rig.scene_camera.camera.clone(),
@@ -96,12 +106,31 @@ impl TagRegistration {
             }),
             rejected: 0,
             registrar: setup.tags.clone().map(Registrar::new),
-            fixed_sphere: fixed_sphere.filter(|_| marker.is_none()),
+            fixed_sphere: fixed_sphere.filter(|_| placed_ball.is_none()),
+            placed_ball,
+            refiner,
             marked_sphere: marker.map(|marker| MarkedSphere {
                 marker,
                 last_pose: None,
             }),
         })
+    }
+
+    /// Returns the camera by which the last picture was registered.
+    pub const fn camera(&self) -> &PinholeCamera {
+        &self.camera
+    }
+
+    /// Returns the status of the lens, if it is being refined.
+    pub fn lens_status(&self) -> Option<LensStatus> {
+        self.refiner.as_ref().map(LensRefiner::status)
+    }
+
+    /// Uses a lens that was refined since the last picture.
+    fn take_lens(&mut self) {
+        if let Some(camera) = self.refiner.as_ref().and_then(LensRefiner::take_lens) {
+            self.camera = camera;
+        }
     }
 
     /// Registers a picture taken at `at`.
@@ -111,8 +140,12 @@ impl TagRegistration {
         tracker: TrackerEstimate,
         at: MonotonicTime,
     ) -> RegistrationResult {
+        self.take_lens();
         let tracked = tracker.pose;
         let seen = self.detector.detect(picture, Some(&self.camera));
+        if let Some(refiner) = &mut self.refiner {
+            refiner.look(seen);
+        }
         let by_tracker = tracked.map(|t| t.world_from_camera);
         let mut result = RegistrationResult {
             world_from_camera: by_tracker,
@@ -149,28 +182,53 @@ impl TagRegistration {
                     (fused.map(|f| f.world_from_camera), status)
                 }
             };
-            result.sphere = result
-                .world_from_camera
-                .zip(self.fixed_sphere)
-                .map(|(_, centre)| SpherePosition {
-                    centre_in_world: centre,
-                    sigma: match (found, result.status.sigma_px) {
-                        (Some(f), _) if self.hybrid.is_none() => {
-                            f.estimate.sigma_at(&self.camera, centre)
-                        }
-                        (_, sigma) => sigma.unwrap_or(DEFAULT_SPHERE_SIGMA),
-                    },
-                });
+            let own = found.filter(|_| self.hybrid.is_none());
+            result.sphere = self
+                .fixed_sphere
+                .and_then(|centre| result.stationary(centre, own, &self.camera));
         }
         if let (Some(sphere), Some(pose)) = (&mut self.marked_sphere, result.world_from_camera) {
-            let centre = sphere.find(&self.camera, seen);
-            result.is_sphere_lost = centre.is_none();
-            result.sphere = centre.map(|centre_in_camera| SpherePosition {
-                centre_in_world: pose.transform_point(centre_in_camera),
-                sigma: DEFAULT_SPHERE_SIGMA,
-            });
+            result.add_marked(sphere.find(&self.camera, seen), pose);
+        }
+        if let (Some(ball), Some(pose)) = (&mut self.placed_ball, result.world_from_camera) {
+            let view = ball.look(picture, &self.camera, pose);
+            result.add_ball(view);
         }
         result
+    }
+}
+
+impl RegistrationResult {
+    /// Returns a stationary sphere, with the uncertainty of the pose `found` by markers alone, else
+    /// of the pose; `None` without a pose.
+    fn stationary(
+        &self,
+        centre_in_world: DVec3,
+        found: Option<RegisteredPose>,
+        camera: &PinholeCamera,
+    ) -> Option<SpherePosition> {
+        self.world_from_camera?;
+        let by_pose = || self.status.sigma_px.unwrap_or(DEFAULT_SPHERE_SIGMA);
+        Some(SpherePosition {
+            centre_in_world,
+            sigma: found.map_or_else(by_pose, |f| f.estimate.sigma_at(camera, centre_in_world)),
+        })
+    }
+
+    /// Adds a sphere with a marker of its own, at its place in the camera's space, if it was found.
+    fn add_marked(&mut self, centre: Option<DVec3>, world_from_camera: RigidTransform) {
+        self.is_sphere_lost = centre.is_none();
+        self.sphere = centre.map(|centre_in_camera| SpherePosition {
+            centre_in_world: world_from_camera.transform_point(centre_in_camera),
+            sigma: DEFAULT_SPHERE_SIGMA,
+        });
+    }
+
+    fn add_ball(&mut self, view: BallView) {
+        self.sphere = view.position;
+        self.is_sphere_lost = view.position.is_none();
+        self.status.sphere_support = view.support;
+        self.status.sphere_off_mm = view.off.map(|metres| metres * 1e3);
     }
 }
 

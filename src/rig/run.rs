@@ -388,7 +388,7 @@ impl Run {
         self.compositor.compose(&FrameInput {
             seconds: prepared.seconds,
             picture: &prepared.picture,
-            camera: &scene_camera.camera,
+            camera: &prepared.camera,
             vignetting: scene_camera.vignetting,
             rolling_shutter: prepared.rolling_shutter,
             world_from_camera: prepared.world_from_camera,
@@ -417,8 +417,11 @@ impl Run {
             look: look(&context.config.look, &context.setup.calibration, prepared),
         })?;
         self.has_picture = true;
-        self.scenes
-            .set_view(prepared.world_from_camera, prepared.seconds);
+        self.scenes.set_view(
+            prepared.world_from_camera,
+            &prepared.camera,
+            prepared.seconds,
+        );
         Ok(())
     }
 

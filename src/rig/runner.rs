@@ -93,7 +93,10 @@ impl Runner {
         crate::status::begin(
             &context.status,
             &context.source,
-            &context.setup,
+            (
+                &context.setup,
+                crate::status::guide(&context.setup, &context.config),
+            ),
             (&gpu, context.config.picture.quality),
         );
         let mut notifier = Notifier::new();

@@ -11,8 +11,8 @@ use crate::scene_origin::{RigScenes, SceneOrigin};
 use crate::status::UNCALIBRATED;
 use crossbeam_channel::{Receiver, bounded};
 use glam::DQuat;
+use penumbra_camera::PinholeCamera;
 use penumbra_compositor::{Compositor, fitted, max_side};
-use penumbra_config::Distortion;
 use penumbra_interface::RigidTransform;
 use penumbra_lighting::Lighting;
 use penumbra_scene::Scene;
@@ -86,8 +86,8 @@ impl Scenes {
     }
 
     /// Sets the camera's pose in the newest picture, for picking objects.
-    pub fn set_view(&self, pose: Option<RigidTransform>, seconds: f64) {
-        self.editor.set_view(&self.shown, pose, seconds);
+    pub fn set_view(&self, pose: Option<RigidTransform>, camera: &PinholeCamera, seconds: f64) {
+        self.editor.set_view(&self.shown, pose, camera, seconds);
     }
 
     /// Returns the status of the scene file's changes.
@@ -177,11 +177,8 @@ fn scene_jobs(context: &RunContext, rig_scenes: &RigScenes) -> Receiver<SceneJob
 
 /// Creates the editor of the objects' places and hands requests to it.
 fn object_editor(context: &RunContext, scene: Arc<Scene>) -> Arc<ObjectEditor> {
-    let mut camera = context.setup.calibration.scene_camera.camera.clone();
-    if context.config.registration.distortion == Distortion::Undistorted {
-        camera.distortion = [0.0; 5];
-    }
-    let editor = ObjectEditor::new(&context.status, &camera, scene);
+    let distortion = context.config.registration.distortion;
+    let editor = ObjectEditor::new(&context.status, distortion, scene);
     context.status.set_object_control(editor.clone());
     editor
 }

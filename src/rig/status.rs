@@ -10,9 +10,10 @@ use crate::rates::Rates;
 use crate::report::FrameCounts;
 use crate::setup::RigSetup;
 use crate::source::Source;
+use penumbra_camera::EnvironmentView;
 use penumbra_compositor::Gpu;
 use penumbra_compositor::exposure::ActiveExposure;
-use penumbra_config::Quality;
+use penumbra_config::{Config, Quality};
 use penumbra_interface::DeviceKind;
 use penumbra_lighting::BrightestLight;
 use penumbra_lighting::adaptive::CompactSource;
@@ -21,7 +22,7 @@ use penumbra_status::snapshot::{
     Adapter, Device, DeviceState, ExposureStatus, LampStatus, PoseAnswer, SessionState,
     WhiteBalance, WhiteBalanceEstimate, WhiteBalanceMethod, WhiteMatch,
 };
-use penumbra_status::{SceneStatus, Settings, SharedStatus, Snapshot, StageTimes};
+use penumbra_status::{GuideStatus, SceneStatus, Settings, SharedStatus, Snapshot, StageTimes};
 use penumbra_sync as sync;
 use penumbra_sync::RigFrame;
 use penumbra_white_balance::{MatchStatus, MethodStatus, Provenance};
@@ -67,7 +68,7 @@ pub struct Published<'a> {
 pub fn begin(
     status: &SharedStatus,
     source: &Source,
-    setup: &RigSetup,
+    (setup, guide): (&RigSetup, Option<GuideStatus>),
     (gpu, quality): (&Gpu, Quality),
 ) {
     status.update(|s| {
@@ -80,7 +81,24 @@ pub fn begin(
         }
         s.adapter = adapter(gpu);
         s.quality = quality;
+        s.guide = guide.clone();
     });
+}
+
+/// Returns the set-up through which the page guides, without its steps; `None` if it does not guide.
+pub fn guide(setup: &RigSetup, config: &Config) -> Option<GuideStatus> {
+    config.status.guide.as_ref()?;
+    let view = setup.calibration.environment.as_ref().map(|e| &e.view);
+    let ball_mm = match view {
+        Some(EnvironmentView::SphereInScene { sphere }) => 2e3 * sphere.radius,
+        _ => return None,
+    };
+    let tags = setup.tags.as_ref().map_or(0, |map| map.tags().len());
+    Some(GuideStatus {
+        ball_mm,
+        tags: tags as u32,
+        steps: Vec::new(),
+    })
 }
 
 /// Publishes that the graphics device was lost and replaced after `took` by `gpu`.
@@ -152,6 +170,8 @@ pub fn publish(p: &Published<'_>) {
         s.pairing.pose_sigma_deg = sigma.map(|[_, degrees, _]| degrees);
         s.pairing.pose_sigma_px = sigma.map(|[.., pixels]| pixels);
         s.registration = p.prepared.registration;
+        s.lens.clone_from(&p.prepared.lens);
+        s.levels = p.prepared.levels;
         lighting(s, p);
         match p.source {
             Source::Recorded(_) => {

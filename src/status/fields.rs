@@ -183,6 +183,14 @@ pub const STATUS_FIELDS: &[(&str, &str)] = &[
         "Standard deviation of the image of a point amid the virtual objects, pixels.",
     ),
     (
+        "registration.sphere_support",
+        "Share of the rim of a mirrored ball, whose place is known only roughly, that was found in the picture, 0 to 1; null if it was not searched for or is not in the picture.",
+    ),
+    (
+        "registration.sphere_off_mm",
+        "Distance of that ball from its stated place, mm; null while it is not found.",
+    ),
+    (
         "registration.display.ahead_ms",
         "Prediction time from the middle of the exposure until the picture is seen, ms; `display` is null without prediction to the display.",
     ),
@@ -201,6 +209,39 @@ pub const STATUS_FIELDS: &[(&str, &str)] = &[
     (
         "registration.display.sigma_px",
         "Standard deviation of the predicted image of a point amid the virtual objects, pixels.",
+    ),
+    (
+        "lens.source",
+        "Where the scene camera's lens comes from: `assumed` (or stated in rig.json), `calibrated` or `refined` (by views of the markers).",
+    ),
+    (
+        "lens.field_of_view_deg",
+        "Its field of view across the picture, degrees; null before the first picture.",
+    ),
+    (
+        "lens.refining",
+        "Whether it is being refined by views of the markers.",
+    ),
+    ("lens.views", "Views of the markers that were kept."),
+    (
+        "lens.reprojection_px",
+        "RMS reprojection error of these views, pixels; null before the lens is refined.",
+    ),
+    (
+        "lens.focal_sigma_percent",
+        "Standard deviation of the focal length, per cent; null likewise.",
+    ),
+    (
+        "lens.hint",
+        "The most useful further view, in words; null if there is none.",
+    ),
+    (
+        "levels.mean_code",
+        "Mean of the codes of the scene camera's picture, 0 to 255; null before the first.",
+    ),
+    (
+        "levels.clipped",
+        "Share of its pixels with a clipped channel.",
     ),
     (
         "white_balance.method",
@@ -685,6 +726,25 @@ pub const STATUS_FIELDS: &[(&str, &str)] = &[
         "Number of viewers of `/stream.mjpeg` and `/compare.mjpeg`.",
     ),
     ("stream.encoded", "Pictures encoded for them."),
+    (
+        "guide.ball_mm",
+        "Diameter of the ball of a webcam's rig, as stated, mm; `guide` is null for other rigs.",
+    ),
+    ("guide.tags", "Number of tags on its sheet."),
+    (
+        "guide.steps[].name",
+        "A step of its set-up: `print`, `sheet`, `lens`, `ball`, `light` or `object`.",
+    ),
+    ("guide.steps[].title", "Its title."),
+    (
+        "guide.steps[].state",
+        "Its state: `waiting` (needs an earlier step), `open`, `failed` or `done`.",
+    ),
+    ("guide.steps[].text", "What is known, in words."),
+    (
+        "guide.steps[].todo",
+        "What to do, in words; empty if nothing.",
+    ),
     ("warnings[].text", "A warning: what, where, what to do."),
     ("warnings[].count", "Number of occurrences."),
     (
@@ -720,6 +780,10 @@ mod tests {
         s.objects.list = vec![ObjectPlace::default()];
         s.lighting.probe = Some(crate::ProbeStatus::default());
         s.registration.display = Some(crate::DisplayStatus::default());
+        s.guide = Some(crate::GuideStatus {
+            steps: vec![crate::guide::GuideStep::default()],
+            ..crate::GuideStatus::default()
+        });
         s.lighting.dominant_direction = Some([0.0, 0.0, 1.0]);
         s.lighting.lamps = vec![LampStatus {
             position: Some([0.0; 3]),

@@ -3,13 +3,14 @@
 //! The rig writes a [`SharedStatus`]; [`StatusServer`] reads it. [`snapshot`] is the data,
 //! [`times`] the histograms in it, [`settings`] the live settings. The server consists of
 //! [`server`] (socket and limits), `guard` (access), `places` (limits under load), `app` (shared state), `routes`, `calibration_routes` and `scene_routes`, [`metrics`],
-//! [`health`] and [`log`] (made from the snapshot), [`preview`] (the environment light), and the dashboard.
+//! [`guide`], [`health`] and [`log`] (made from the snapshot), [`preview`] (the environment light), and the dashboard.
 
 mod app;
 pub mod calibration;
 mod calibration_routes;
 pub mod fields;
 mod guard;
+pub mod guide;
 pub mod health;
 pub mod log;
 pub mod metrics;
@@ -33,6 +34,7 @@ pub mod stream;
 pub mod times;
 
 pub use fields::STATUS_FIELDS;
+pub use guide::GuideStatus;
 pub use penumbra_config::token::is_token;
 pub use playback::Playback;
 pub use preview::environment_preview;
@@ -41,5 +43,5 @@ pub use registration::{DisplayStatus, RegistrationSource, RegistrationStatus};
 pub use server::{DEFAULT_LISTEN, StatusError, StatusServer};
 pub use settings::{Settings, SettingsChange};
 pub use shared::{SharedStatus, View};
-pub use snapshot::{SceneStatus, Snapshot};
+pub use snapshot::{LensSource, LensStatus, Levels, SceneStatus, Snapshot};
 pub use times::{Histogram, RateMeter, StageTimes};

@@ -29,6 +29,11 @@ pub struct RegistrationStatus {
     pub sigma_deg: Option<f64>,
     /// Standard deviation of the image of a point amid the virtual objects, along an axis, pixels.
     pub sigma_px: Option<f64>,
+    /// Share of the rim of a mirrored ball that was found in the picture, 0..=1; `None` if the ball
+    /// was not searched for, or its place is not in the picture.
+    pub sphere_support: Option<f64>,
+    /// Distance of that ball from its stated place, millimetres.
+    pub sphere_off_mm: Option<f64>,
     /// Prediction to the instant at which the picture is seen; `None` without it.
     pub display: Option<DisplayStatus>,
 }

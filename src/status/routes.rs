@@ -60,6 +60,7 @@ pub fn router(app: App, token: Option<Arc<Token>>) -> Router {
         .route("/compare.mjpeg", get(|app| stream(app, View::Pair)))
         .route("/snapshot.png", get(snapshot_png))
         .route("/environment.png", get(environment_png))
+        .route("/sheet.pdf", get(sheet_pdf))
         .fallback(not_found)
         .layer(DefaultBodyLimit::max(MAX_BODY))
         .layer(from_fn_with_state(gate, guard::guard))
@@ -67,7 +68,7 @@ pub fn router(app: App, token: Option<Arc<Token>>) -> Router {
 }
 
 const NOT_FOUND: &str = "not here; there are / /status /metrics /healthz /log /settings \
-    /playback /objects /scenes /recording /calibration /stream.mjpeg /compare.mjpeg /snapshot.png /environment.png /whitebalance.json\n";
+    /playback /objects /scenes /recording /calibration /stream.mjpeg /compare.mjpeg /snapshot.png /environment.png /sheet.pdf /whitebalance.json\n";
 
 async fn not_found() -> Response {
     (StatusCode::NOT_FOUND, NOT_FOUND).into_response()
@@ -88,7 +89,7 @@ macro_rules! file {
 }
 
 /// Files of the dashboard, which are part of the program.
-const FILES: [(&str, &str); 24] = [
+const FILES: [(&str, &str); 26] = [
     file!("calibrate.css"),
     file!("calibrate.js"),
     file!("charts.js"),
@@ -98,6 +99,8 @@ const FILES: [(&str, &str); 24] = [
     file!("dashboard.js"),
     file!("exposure.js"),
     file!("favicon.svg"),
+    file!("guide.css"),
+    file!("guide.js"),
     file!("health.js"),
     file!("lamps.js"),
     file!("log.js"),
@@ -129,6 +132,18 @@ async fn dashboard_file(Path(file): Path<String>) -> Response {
 
 async fn status(State(app): State<App>) -> Json<Snapshot> {
     Json(app.shared.snapshot())
+}
+
+/// The printed sheet of a webcam's rig.
+async fn sheet_pdf(State(app): State<App>) -> Response {
+    match app.shared.sheet() {
+        Some(pdf) => (
+            [(header::CONTENT_TYPE, "application/pdf")],
+            Bytes::from_owner(pdf),
+        )
+            .into_response(),
+        None => not_found().await,
+    }
 }
 
 async fn white_balance(State(app): State<App>) -> Json<WhiteBalance> {

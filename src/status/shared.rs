@@ -1,6 +1,7 @@
 //! The state shared by the rig, which writes it, and the server, which reads it.
 
 use super::calibration::CalibrationControl;
+use super::guide::GuideStatus;
 use super::log::{Level, Log, LogEntry};
 use super::objects::{ObjectAnswer, ObjectControl, ObjectRefusal, ObjectRequest};
 use super::playback::{Playback, PlaybackChange, PlaybackRefusal, PlaybackStatus};
@@ -33,6 +34,8 @@ pub struct SharedStatus {
     scenes: OnceLock<Arc<dyn SceneControl>>,
     /// Entries of the program's log that wait to be added.
     forwarded: Mutex<Vec<(Level, String)>>,
+    /// The sheet of a webcam's rig, a PDF.
+    sheet: OnceLock<Arc<[u8]>>,
 }
 
 /// Maximum number of entries of the program's log that wait.
@@ -79,6 +82,7 @@ impl SharedStatus {
             objects: OnceLock::new(),
             scenes: OnceLock::new(),
             forwarded: Mutex::default(),
+            sheet: OnceLock::new(),
         })
     }
 
@@ -129,6 +133,10 @@ impl SharedStatus {
         snapshot.playback.jumps_requested = playback.jumps;
         snapshot.settings_requested = self.settings.borrow().clone();
         snapshot.settings_configured = self.configured.clone();
+        if let Some(guide) = snapshot.guide.take() {
+            let steps = super::guide::steps(&guide, &snapshot);
+            snapshot.guide = Some(GuideStatus { steps, ..guide });
+        }
         snapshot
     }
 
@@ -311,6 +319,17 @@ impl SharedStatus {
     /// Adds an entry to the log.
     pub fn note(&self, level: Level, text: &str) {
         self.lock().log.add(level, text);
+    }
+
+    /// Sets the printed sheet of a webcam's rig, a PDF. Only the first call has an effect.
+    pub fn set_sheet(&self, pdf: Vec<u8>) {
+        let _ = self.sheet.set(pdf.into());
+    }
+
+    /// Returns that sheet; `None` for other rigs.
+    #[must_use]
+    pub fn sheet(&self) -> Option<Arc<[u8]>> {
+        self.sheet.get().cloned()
     }
 
     /// Sets the calibrator that handles requests to calibrate. Only the first call has an effect.

@@ -3,6 +3,7 @@
 //! [`STATUS_FIELDS`](super::STATUS_FIELDS) describes every field for readers of the JSON; a test
 //! compares the two. Numbers that are not finite appear as `null`.
 
+use super::guide::GuideStatus;
 use super::objects::ObjectsStatus;
 use super::planes::PlanesStatus;
 use super::playback::PlaybackStatus;
@@ -41,6 +42,10 @@ pub struct Snapshot {
     pub pairing: Pairing,
     /// Source and accuracy of the scene camera's pose.
     pub registration: RegistrationStatus,
+    /// The scene camera's lens.
+    pub lens: LensStatus,
+    /// Brightness of the scene camera's picture.
+    pub levels: Levels,
     /// White balance between the cameras.
     pub white_balance: WhiteBalance,
     /// Lighting.
@@ -74,6 +79,8 @@ pub struct Snapshot {
     pub settings_configured: Settings,
     /// The stream to browsers.
     pub stream: Stream,
+    /// Set-up of a webcam's rig; `None` for other rigs.
+    pub guide: Option<GuideStatus>,
     /// Warnings for the user.
     pub warnings: Vec<Warning>,
     /// The log, whose entries are at `/log`.
@@ -90,6 +97,8 @@ impl Default for Snapshot {
             stages: StageTimes::default(),
             pairing: Pairing::default(),
             registration: RegistrationStatus::default(),
+            lens: LensStatus::default(),
+            levels: Levels::default(),
             white_balance: WhiteBalance::default(),
             lighting: LightingStatus::default(),
             scene: SceneStatus::default(),
@@ -106,6 +115,7 @@ impl Default for Snapshot {
             settings_requested: Settings::default(),
             settings_configured: Settings::default(),
             stream: Stream::default(),
+            guide: None,
             warnings: Vec::new(),
             log: LogStatus::default(),
         }
@@ -598,6 +608,47 @@ pub struct Adapter {
     pub losses: u64,
     /// Time from the last loss to the device that replaced it, seconds.
     pub recovery_seconds: Option<f64>,
+}
+
+/// The scene camera's lens.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct LensStatus {
+    /// Where it comes from.
+    pub source: LensSource,
+    /// Field of view across the picture, degrees.
+    pub field_of_view_deg: Option<f64>,
+    /// Whether it is being refined by views of the markers.
+    pub refining: bool,
+    /// Views of the markers that were kept.
+    pub views: u32,
+    /// RMS reprojection error of these views, pixels.
+    pub reprojection_px: Option<f64>,
+    /// Standard deviation of the focal length, per cent.
+    pub focal_sigma_percent: Option<f64>,
+    /// The most useful further view.
+    pub hint: Option<String>,
+}
+
+/// Where the scene camera's lens comes from.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum LensSource {
+    /// Assumed, or stated in rig.json.
+    #[default]
+    Assumed,
+    /// Calibrated.
+    Calibrated,
+    /// Refined by views of the markers, now or earlier.
+    Refined,
+}
+
+/// Brightness of the scene camera's picture.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct Levels {
+    /// Mean of the codes, 0 to 255; `None` before the first picture.
+    pub mean_code: Option<f64>,
+    /// Share of the pixels with a clipped channel.
+    pub clipped: Option<f64>,
 }
 
 /// Size of the composited picture, pixels.

@@ -152,6 +152,7 @@ mod tests {
         let sphere = MirrorSphere {
             centre_in_world: DVec3::new(0.0, 0.0, 1.0),
             radius: 0.1,
+            position_sigma: 0.0,
             reflectance: [0.9, 0.8, 0.7],
             in_scene: false,
         };

@@ -2,6 +2,7 @@
 #![expect(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 mod controls;
+mod guide;
 mod health;
 mod layout;
 mod objects;

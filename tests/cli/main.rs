@@ -22,4 +22,5 @@ mod setups;
 mod simulate;
 mod technique;
 mod tools;
+mod webcam;
 mod window;

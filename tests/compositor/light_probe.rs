@@ -78,6 +78,7 @@ fn read(stage: &Stage, off: DVec3) -> Lighting {
     let sphere = MirrorSphere {
         centre_in_world: SPHERE,
         radius: RADIUS,
+        position_sigma: 0.0,
         reflectance: [1.0; 3],
         in_scene: true,
     };

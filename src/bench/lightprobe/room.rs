@@ -207,6 +207,7 @@ const fn ball() -> MirrorSphere {
     MirrorSphere {
         centre_in_world: BALL,
         radius: BALL_RADIUS,
+        position_sigma: 0.0,
         reflectance: [1.0; 3],
         in_scene: true,
     }

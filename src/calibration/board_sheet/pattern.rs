@@ -1,8 +1,8 @@
 //! The black rectangles of a board, independent of the sheet.
 
-use super::Black;
 use crate::intrinsics::Board;
 use crate::intrinsics::layout::Layout;
+use crate::sheet::Black;
 use penumbra_fiducials::Family;
 
 /// A board's black rectangles, metres from its top left corner.
@@ -105,39 +105,42 @@ impl Pattern {
         for id in 0..board.tag_count() {
             if let Some(cell) = layout.cell(id) {
                 let (x, y) = at(cell.x, cell.y);
-                self.add_tag((family, id), board.has_rotated_tags(), size, (x, y));
+                let tag = tag_modules((family, id), board.has_rotated_tags(), size, (x, y));
+                self.black.extend(tag);
             }
         }
     }
+}
 
-    /// Adds a tag's black modules; adjacent ones of a row become one rectangle.
-    fn add_tag(
-        &mut self,
-        (family, id): (Family, u32),
-        rotated: bool,
-        size: f64,
-        (left, top): (f64, f64),
-    ) {
-        let n = family.modules();
-        let is_white = |x: u32, y: u32| match rotated {
-            true => family.is_white(id, n - 1 - x, n - 1 - y),
-            false => family.is_white(id, x, y),
-        };
-        let module = size / f64::from(n);
-        for row in 0..n {
-            let mut column = 0;
-            while column < n {
-                let run = (column..n).take_while(|&x| !is_white(x, row)).count() as u32;
-                if run > 0 {
-                    self.black.push(Black {
-                        x: left + f64::from(column) * module,
-                        y: top + f64::from(row) * module,
-                        width: f64::from(run) * module,
-                        height: module,
-                    });
-                }
-                column += run + 1;
+/// Returns a tag's black modules; adjacent ones of a row are one rectangle. `left` and `top` are
+/// those of its border, metres.
+pub(crate) fn tag_modules(
+    (family, id): (Family, u32),
+    rotated: bool,
+    size: f64,
+    (left, top): (f64, f64),
+) -> Vec<Black> {
+    let n = family.modules();
+    let is_white = |x: u32, y: u32| match rotated {
+        true => family.is_white(id, n - 1 - x, n - 1 - y),
+        false => family.is_white(id, x, y),
+    };
+    let module = size / f64::from(n);
+    let mut black = Vec::new();
+    for row in 0..n {
+        let mut column = 0;
+        while column < n {
+            let run = (column..n).take_while(|&x| !is_white(x, row)).count() as u32;
+            if run > 0 {
+                black.push(Black {
+                    x: left + f64::from(column) * module,
+                    y: top + f64::from(row) * module,
+                    width: f64::from(run) * module,
+                    height: module,
+                });
             }
+            column += run + 1;
         }
     }
+    black
 }

@@ -2,9 +2,10 @@ use super::*;
 use crate::intrinsics::Grey;
 use crate::intrinsics::detect::{Placement, find_chessboard};
 use crate::intrinsics::tag_finder::TagFinder;
+use crate::sheet::SheetError;
 
-fn sheet() -> BoardSheet {
-    BoardSheet::from_board(&Board::parse("chess:9x6:0.025").unwrap())
+fn sheet() -> Sheet {
+    sheet_of(&Board::parse("chess:9x6:0.025").unwrap())
 }
 
 #[test]
@@ -70,8 +71,8 @@ fn raster_of_impossible_size_is_an_error() {
         sheet().raster(0),
         Err(SheetError::TooLarge { .. })
     ));
-    let small = BoardSheet::from_board(&Board::parse("chess:3x3:0.005").unwrap());
-    assert!(small.caption.contains("20 mm long"));
+    let small = sheet_of(&Board::parse("chess:3x3:0.005").unwrap());
+    assert!(small.texts[0].text.contains("20 mm long"));
 }
 
 #[test]
@@ -87,7 +88,7 @@ fn tag_boards_are_detected_at_printed_positions() {
         ("charuco:4x5:0.03:0.024:tag36h11", 10, (0.015, 0.015)),
     ] {
         let board = Board::parse(text).unwrap();
-        let (pixels, width, height) = BoardSheet::from_board(&board).raster(200).unwrap();
+        let (pixels, width, height) = sheet_of(&board).raster(200).unwrap();
         let picture = Grey::from_bytes(width as usize, height as usize, &pixels);
         let found = TagFinder::new(&board).unwrap().find(&picture);
         assert_eq!(

@@ -1,7 +1,8 @@
 //! Renders boards through a known lens, for tests.
 
 use super::{Board, Grey};
-use crate::board_sheet::{Black, pattern};
+use crate::board_sheet::pattern;
+use crate::sheet::Black;
 use glam::{DQuat, DVec2, DVec3};
 use penumbra_camera::Lens;
 use penumbra_interface::RigidTransform;

@@ -12,6 +12,7 @@ mod panel;
 mod rig_files;
 mod room;
 mod tracker;
+mod webcam;
 
 pub use camera::SimulatedCamera;
 pub use motion::{Hand, Motion};
@@ -21,6 +22,7 @@ pub use penumbra_numerics::Random;
 pub use rig_files::FrameTruth;
 pub use room::Room;
 pub use tracker::{Metal, fastrak_record};
+pub use webcam::{LAMP, SimulatedWebcam};
 
 use crate::intrinsics::{Board, Grey};
 use glam::{DQuat, DVec2, DVec3, EulerRot};

@@ -4,8 +4,9 @@ use crate::cli::files::{claim, write};
 use anyhow::bail;
 use clap::Args;
 use image::{ExtendedColorType, ImageEncoder};
-use penumbra_calibration::board_sheet::BoardSheet;
+use penumbra_calibration::board_sheet::sheet_of;
 use penumbra_calibration::intrinsics::Board;
+use penumbra_calibration::sheet::Sheet;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -32,7 +33,7 @@ pub fn run(args: &BoardArgs) -> anyhow::Result<ExitCode> {
         .out
         .extension()
         .map(|e| e.to_string_lossy().to_lowercase());
-    let sheet = BoardSheet::from_board(&args.board);
+    let sheet = sheet_of(&args.board);
     claim(&args.out, args.force)?;
     let bytes = match kind.as_deref() {
         Some("pdf") => sheet.pdf(),
@@ -50,7 +51,7 @@ pub fn run(args: &BoardArgs) -> anyhow::Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-fn png(sheet: &BoardSheet, dpi: u32) -> anyhow::Result<Vec<u8>> {
+fn png(sheet: &Sheet, dpi: u32) -> anyhow::Result<Vec<u8>> {
     let (pixels, width, height) = sheet.raster(dpi)?;
     let mut bytes = Vec::new();
     image::codecs::png::PngEncoder::new(&mut bytes).write_image(

@@ -43,6 +43,7 @@ pub(super) fn sphere(in_scene: bool) -> (EnvironmentView, RigidTransform, Pinhol
     let sphere = MirrorSphere {
         centre_in_world: eye + forward * 0.39,
         radius: 0.04,
+        position_sigma: 0.0,
         reflectance: [0.9, 0.8, 0.7],
         in_scene,
     };
@@ -574,6 +575,7 @@ fn shadows_determine_brightness_of_clipped_lamp() {
     let mirror = MirrorSphere {
         centre_in_world: DVec3::new(0.1, 0.15, 0.05),
         radius: 0.05,
+        position_sigma: 0.0,
         reflectance: [1.0; 3],
         in_scene: true,
     };

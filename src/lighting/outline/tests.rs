@@ -144,3 +144,43 @@ fn half_a_rim_corrects_only_the_constrained_direction() {
     let found = refine(&picture, &camera(), &before);
     assert!(error_pixels(&found) < 0.5, "{}", error_pixels(&found));
 }
+
+/// A grey table with a printed line through it.
+fn table(x: f64, y: f64) -> [f64; 3] {
+    if (y - 0.2 * x - 100.0).abs() < 1.0 {
+        [40.0; 3]
+    } else {
+        [190.0; 3]
+    }
+}
+
+#[test]
+fn sphere_that_a_hand_placed_is_found_many_pixels_off() {
+    let picture = draw(table);
+    for error in [(12.0, -9.0), (-15.0, 4.0), (0.5, 0.0)] {
+        let predicted = displaced(DVec2::from(error), 6.0);
+        let found = locate(&picture, &camera(), &predicted).unwrap();
+        assert!(
+            error_pixels(&found.sphere) < 0.6,
+            "{error:?}: {}",
+            error_pixels(&found.sphere)
+        );
+        assert!(found.support > 0.8, "{error:?}: {}", found.support);
+    }
+}
+
+#[test]
+fn place_without_a_sphere_has_hardly_any_rim() {
+    let camera = camera();
+    let rgba = (0..camera.height)
+        .flat_map(|y| (0..camera.width).map(move |x| table(f64::from(x), f64::from(y))))
+        .flat_map(|c| [c[0] as u8, c[1] as u8, c[2] as u8, 255])
+        .collect();
+    let picture = Picture {
+        width: camera.width,
+        height: camera.height,
+        rgba,
+    };
+    let found = locate(&picture, &camera, &displaced(DVec2::ZERO, 6.0));
+    assert!(found.is_none_or(|f| f.support < 0.3), "{found:?}");
+}

@@ -301,6 +301,7 @@ fn fixed_sphere(sphere: SphereEntry, markers: &[Marker]) -> Result<MirrorSphere>
 pub(super) struct SphereEntry {
     radius: Positive,
     center_world: Option<Vector>,
+    position_sigma_m: Option<Positive>,
     marker: Option<SphereMarkerEntry>,
     reflectance_rgb: Option<Colour>,
     in_scene_camera_images: Option<bool>,
@@ -334,6 +335,7 @@ impl SphereEntry {
         let sphere = MirrorSphere {
             centre_in_world,
             radius: self.radius.0,
+            position_sigma: self.position_sigma_m.map_or(0.0, |sigma| sigma.0),
             reflectance: self.reflectance_rgb.map_or([1.0; 3], |c| c.0),
             in_scene: carrier.is_some() || self.in_scene_camera_images.unwrap_or(false),
         };

@@ -33,5 +33,5 @@ pub use overlap::{OverlapEstimates, estimate_from_overlap};
 pub use picture_folder::{FolderPicture, for_each_picture, picture_files};
 pub use radiometric::radiometric_options;
 pub use session::feed_session;
-pub use simulation_recording::{SimulationRecordingError, record_simulation};
+pub use simulation_recording::{SimulationRecordingError, record_simulation, record_webcam};
 pub use verify::verify_step;

@@ -1,6 +1,6 @@
 //! Writes the session that a simulated rig records.
 
-use penumbra_calibration::simulation::{FrameTruth, SimulatedRig, fastrak_record};
+use penumbra_calibration::simulation::{FrameTruth, SimulatedRig, SimulatedWebcam, fastrak_record};
 use penumbra_interface::{Frame, MonotonicTime, PixelFormat};
 use penumbra_numerics::Random;
 use penumbra_picture::Picture;
@@ -113,6 +113,52 @@ fn record(
     }
     writer.finish()?;
     Ok(simulation.truth_json(&truth))
+}
+
+/// Records a simulated webcam to a new file, for `seconds` at `rate` pictures per second. Calls
+/// `report` after each picture with the share that is written (0 to 1).
+///
+/// # Errors
+/// The file exists or cannot be written.
+pub fn record_webcam(
+    webcam: &SimulatedWebcam,
+    path: &Path,
+    (seconds, rate): (f64, f64),
+    mut report: impl FnMut(f64),
+) -> Result<(), SimulationRecordingError> {
+    let mut writer = SessionWriter::create(path)?;
+    let mut written = || -> Result<(), SimulationRecordingError> {
+        writer.attach("rig.json", webcam.rig_json().to_string().as_bytes())?;
+        let mut random = Random::new(7);
+        let mut encoder = JpegEncoder::new(JPEG_QUALITY)?;
+        let count = (seconds * rate) as u32;
+        for i in 0..count {
+            let at = f64::from(i) / rate;
+            let picture = webcam.picture(webcam.pose(at), 1.0, &mut random);
+            let frame = Frame {
+                data: encoder.encode(&picture)?,
+                format: PixelFormat::Jpeg,
+                width: picture.width,
+                height: picture.height,
+                stride: 0,
+                sequence: u64::from(i),
+                captured_at: instant(at),
+                arrived_at: instant(at + TRANSFER_SECONDS),
+                exposure: None,
+                bracket_ev: 0.0,
+                controls: None,
+            };
+            writer.frame(Camera::Scene, &frame)?;
+            report(f64::from(i + 1) / f64::from(count));
+        }
+        Ok(())
+    };
+    let result = written().and_then(|()| Ok(writer.finish().map(drop)?));
+    if result.is_err() {
+        // A part of a simulation is of no use.
+        let _ = std::fs::remove_file(path);
+    }
+    result
 }
 
 fn instant(seconds: f64) -> MonotonicTime {

@@ -170,8 +170,7 @@ impl LightEstimator {
                 picture: scene.picture,
                 ev: 0.0,
             }],
-            scene: (scene.sphere != SphereAt::Lost)
-                .then_some((pose, &self.rig.scene_camera.camera)),
+            scene: (scene.sphere != SphereAt::Lost).then_some((pose, scene.camera)),
             gains: Mat3::IDENTITY,
             ground_radiance: self.ground.radiance(),
             measured_ground_irradiance: None,
@@ -219,9 +218,7 @@ impl LightEstimator {
         let seen = self.ground.radiance();
         let input = EnvironmentInput {
             brackets: &brackets,
-            scene: scene
-                .world_from_camera
-                .map(|pose| (pose, &self.rig.scene_camera.camera)),
+            scene: scene.world_from_camera.map(|pose| (pose, scene.camera)),
             gains: self.white_balance.scene_from_environment().as_mat3(),
             ground_radiance: match self.unseen {
                 Unseen::SceneCamera => seen,
@@ -263,7 +260,7 @@ impl LightEstimator {
                 picture: scene.picture,
                 response: &self.rig.scene_camera.response,
             },
-            scene_camera: &self.rig.scene_camera.camera,
+            scene_camera: scene.camera,
             world_from_scene_camera: pose,
             environment: Photograph {
                 picture: &self.decoded[base],
@@ -293,7 +290,7 @@ impl LightEstimator {
                 picture: scene.picture,
                 response: &self.rig.scene_camera.response,
             },
-            camera: &self.rig.scene_camera.camera,
+            camera: scene.camera,
             world_from_camera,
         };
         let rays = &self.rays;

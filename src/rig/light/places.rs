@@ -133,6 +133,7 @@ impl LampPlaces {
         let Some(observer) = estimator.observer() else {
             return false;
         };
+        self.camera.clone_from(scene.camera);
         let sources = estimator.sources();
         self.follow(&sources);
         let mut gained = self.place_stated(&sources, observer);

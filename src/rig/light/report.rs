@@ -50,6 +50,7 @@ pub fn light_of_session(
             sphere: SphereAt::Calibrated,
             picture: &picture,
             world_from_camera: pose,
+            camera: &setup.calibration.scene_camera.camera,
             captured_at: frame.captured_at,
             exposure: frame.scene.exposure,
         };

@@ -4,6 +4,7 @@ use crate::light::blended::{Blend, LightMixer, LightSpan};
 use crate::light::timeline::LightTimeline;
 use crate::light::transition::LightTransition;
 use crate::light::view::SphereAt;
+use penumbra_camera::PinholeCamera;
 use penumbra_interface::{Exposure, MonotonicTime, RigidTransform};
 use penumbra_lighting::adaptive::CompactSource;
 use penumbra_lighting::{LightKind, Lighting, ProbeMap};
@@ -27,6 +28,8 @@ pub(crate) struct LightRequest {
     pub exposure: Option<Exposure>,
     /// Pose of the scene camera, if it is known.
     pub world_from_camera: Option<RigidTransform>,
+    /// The scene camera's lens.
+    pub camera: PinholeCamera,
     /// Position of the mirrored sphere.
     pub sphere: SphereAt,
     /// The environment set paired with the picture.
@@ -35,13 +38,19 @@ pub(crate) struct LightRequest {
 
 impl LightRequest {
     /// Creates the request of a paired picture; its pose may have been rejected.
-    pub fn new(frame: &RigFrame, seconds: f64, world_from_camera: Option<RigidTransform>) -> Self {
+    pub fn new(
+        frame: &RigFrame,
+        seconds: f64,
+        world_from_camera: Option<RigidTransform>,
+        camera: &PinholeCamera,
+    ) -> Self {
         Self {
             arrived_at: frame.scene.arrived_at,
             captured_at: frame.captured_at,
             seconds,
             exposure: frame.scene.exposure,
             world_from_camera,
+            camera: camera.clone(),
             sphere: SphereAt::Calibrated,
             environment: frame.environment.as_ref().map(|e| Arc::clone(&e.set)),
         }

@@ -62,6 +62,7 @@ impl GroundRadiance {
         let Some(pose) = scene.world_from_camera else {
             return;
         };
+        self.camera.clone_from(scene.camera);
         let camera_from_world = pose.inverse();
         let (mut sum, mut count) = (Vec3::ZERO, 0.0);
         for point in &self.points {
@@ -173,6 +174,7 @@ impl PhantomSurfaces {
         let Some(pose) = scene.world_from_camera else {
             return;
         };
+        self.camera.clone_from(scene.camera);
         let fits =
             (scene.picture.width, scene.picture.height) == (self.camera.width, self.camera.height);
         if self.parts.is_empty() || !fits {

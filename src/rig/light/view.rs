@@ -1,5 +1,6 @@
 //! The scene camera's side of a light estimate.
 
+use penumbra_camera::PinholeCamera;
 use penumbra_interface::{Exposure, MonotonicTime, RigidTransform};
 use penumbra_lighting::SpherePosition;
 use penumbra_picture::Picture;
@@ -22,6 +23,8 @@ pub struct SceneView<'a> {
     pub picture: &'a Picture,
     /// Pose of the camera, if it is known.
     pub world_from_camera: Option<RigidTransform>,
+    /// Its lens.
+    pub camera: &'a PinholeCamera,
     /// Position of the mirrored sphere, if the rig has one in the picture.
     pub sphere: SphereAt,
     /// Middle of its exposure.

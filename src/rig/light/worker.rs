@@ -69,6 +69,7 @@ impl LightUpdater {
         let view = SceneView {
             picture,
             world_from_camera: request.world_from_camera,
+            camera: &request.camera,
             sphere: request.sphere,
             captured_at: request.captured_at,
             exposure: request.exposure,

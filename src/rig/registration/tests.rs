@@ -5,6 +5,7 @@ use penumbra_fiducials::synthetic;
 use penumbra_status::RegistrationSource;
 
 mod rolling;
+mod webcam;
 
 /// Number of the marker that carries the sphere.
 const SPHERE_MARKER: u32 = 7;
@@ -47,6 +48,8 @@ fn registration(
             last_pose: None,
         }),
         fixed_sphere,
+        placed_ball: None,
+        refiner: None,
     }
 }
 

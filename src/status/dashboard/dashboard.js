@@ -4,6 +4,7 @@
 import { calibrate } from './calibrate.js';
 import { remember, spark } from './charts.js';
 import { exposure } from './exposure.js';
+import { guide } from './guide.js';
 import { health, healthUnknown } from './health.js';
 import { lamps } from './lamps.js';
 import { buildLog, log } from './log.js';
@@ -271,6 +272,7 @@ function stageRow([name, kind]) {
 
 function render(s, askedAt) {
   head(s);
+  guide(s);
   health(s);
   log(s);
   picture(s);

@@ -68,6 +68,7 @@ fn sphere_rig() -> Rig {
     let sphere = MirrorSphere {
         centre_in_world: DVec3::new(0.0, 0.1, 0.05),
         radius: 0.05,
+        position_sigma: 0.0,
         reflectance: [0.9, 0.8, 0.7],
         in_scene: true,
     };

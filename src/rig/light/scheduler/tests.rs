@@ -171,6 +171,10 @@ fn request(number: i64) -> LightRequest {
         captured_at: frame(number),
         exposure: None,
         world_from_camera: None,
+        camera: RigDocument::uncalibrated(64, 48)
+            .calibration
+            .scene_camera
+            .camera,
         environment: None,
     }
 }

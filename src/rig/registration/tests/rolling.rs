@@ -47,6 +47,8 @@ fn registration(tags: &[Tag], row_seconds: f64) -> TagRegistration {
         rejected: 0,
         marked_sphere: None,
         fixed_sphere: None,
+        placed_ball: None,
+        refiner: None,
     }
 }
 
