@@ -11,6 +11,7 @@ mod calibrate_motion;
 mod display;
 mod live;
 mod live_tracker;
+mod photo;
 mod program;
 mod refusals;
 mod reload;

@@ -1,0 +1,124 @@
+//! `penumbra photo`, on path-traced photographs whose truth is known.
+
+use crate::program::Desk;
+use penumbra_picture::Picture;
+use std::path::{Path, PathBuf};
+
+fn photograph(name: &str) -> String {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/fixtures/photo");
+    folder.join(name).display().to_string()
+}
+
+/// The arguments of the photographs with the ball, in `exposures` exposures.
+fn pictures(exposures: usize) -> String {
+    let names = (1..=exposures).map(|k| photograph(&format!("ball{k}.jpg")));
+    let names: Vec<String> = std::iter::once(photograph("empty.jpg"))
+        .chain(names)
+        .collect();
+    names.join(" ")
+}
+
+/// Returns the numbers in a line of output.
+fn numbers(printed: &str, line: &str) -> Vec<f64> {
+    let found = printed.lines().find(|l| l.starts_with(line));
+    let found = found.unwrap_or_else(|| panic!("no line {line}: {printed}"));
+    found
+        .split(|c: char| !(c.is_ascii_digit() || c == '.'))
+        .filter_map(|word| word.trim_end_matches('.').parse().ok())
+        .collect()
+}
+
+/// The objects that the truth shows.
+const TRUTH: &str = r#"
+[[object]]
+name = "cube"
+shape = "box"
+size_m = [0.06, 0.06, 0.06]
+rotation_deg = [35.0, 0.0, 0.0]
+material = { base_colour = [0.5, 0.5, 0.5], metallic = 0.0, roughness = 1.0, specular = 0.0 }
+
+[[object]]
+name = "gold"
+shape = "sphere"
+radius_m = 0.025
+position_m = [0.09, -0.02, 0.025]
+material = { base_colour = [0.95, 0.78, 0.48], metallic = 1.0, roughness = 0.2 }
+"#;
+
+/// Mean difference of two pictures where `empty` and `truth` differ, codes, and the number of pixels.
+fn difference(composite: &Picture, truth: &Picture, empty: &Picture) -> (f64, usize) {
+    let pixels = |p: &Picture| -> Vec<[i32; 3]> {
+        let rgb = p.rgba.chunks_exact(4);
+        rgb.map(|p| [0, 1, 2].map(|c| i32::from(p[c]))).collect()
+    };
+    let apart = |a: &[i32; 3], b: &[i32; 3]| -> i32 {
+        a.iter().zip(b).map(|(a, b)| (a - b).abs()).max().unwrap()
+    };
+    let (composite, truth, empty) = (pixels(composite), pixels(truth), pixels(empty));
+    let changed = (0..truth.len()).filter(|&i| apart(&truth[i], &empty[i]) > 24);
+    let differences: Vec<i32> = changed.map(|i| apart(&truth[i], &composite[i])).collect();
+    let sum: i32 = differences.iter().sum();
+    (f64::from(sum) / differences.len() as f64, differences.len())
+}
+
+#[test]
+fn composite_of_photographs_is_the_photograph_of_the_real_things() {
+    let desk = Desk::new();
+    desk.put("truth.toml", TRUTH);
+    let printed = desk.works(&format!(
+        "photo {} --ball-diameter 80mm --tilt 28 --scene truth.toml --found found.png -o out.png",
+        pictures(4)
+    ));
+    // The ball's image by the renderer's own geometry.
+    let ball = numbers(&printed, "ball:");
+    assert!(
+        (ball[0] - 220.0).abs() < 1.5 && (ball[1] - 179.0).abs() < 1.5,
+        "{printed}"
+    );
+    assert!((ball[2] - 25.8).abs() < 1.5, "{printed}");
+    assert!(printed.contains("measured from 4 exposures"), "{printed}");
+    let shadow = numbers(&printed, "check:");
+    assert!((shadow[0] - shadow[1]).abs() < 3.0, "{printed}");
+    let read = |path: PathBuf| Picture::from_file_bytes(&std::fs::read(path).unwrap()).unwrap();
+    let composite = read(desk.path("out.png"));
+    let truth = read(photograph("truth.jpg").into());
+    let empty = read(photograph("empty.jpg").into());
+    let (without, pixels) = difference(&empty, &truth, &empty);
+    let (mean, _) = difference(&composite, &truth, &empty);
+    assert!(pixels > 3000, "{pixels}");
+    assert!(
+        mean < 0.3 * without,
+        "{mean} codes, {without} without objects"
+    );
+    let found = read(desk.path("found.png"));
+    assert_eq!((found.width, found.height), (480, 360));
+}
+
+#[test]
+fn photographs_that_cannot_be_used_are_refused_in_one_line() {
+    let desk = Desk::new();
+    let empty = photograph("empty.jpg");
+    let ball = photograph("ball1.jpg");
+    let refused = |line: &str| desk.refuses(&format!("photo {line} -o out.png"));
+    let none = refused(&format!("{empty} {empty} --ball-diameter 80mm"));
+    assert!(none.contains("no ball found"), "{none}");
+    let tag = refused(&format!(
+        "{empty} {ball} --ball-diameter 80mm --tag tag36h11:60mm"
+    ));
+    assert!(tag.contains("no tag of the family tag36h11"), "{tag}");
+    let outside = refused(&format!(
+        "{empty} {ball} --ball-diameter 80mm --ball 9000,10,5"
+    ));
+    assert!(outside.contains("is not inside"), "{outside}");
+    let count = refused(&format!(
+        "{empty} {ball} --ball-diameter 80mm --exposures 0"
+    ));
+    assert!(count.contains("1 values for 2 pictures"), "{count}");
+    desk.put("note.jpg", "no picture");
+    let damaged = refused(&format!("{empty} note.jpg --ball-diameter 80mm"));
+    assert!(
+        damaged.contains("note.jpg is not a JPEG or PNG"),
+        "{damaged}"
+    );
+    assert!(!desk.path("out.png").exists());
+}
