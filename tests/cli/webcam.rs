@@ -7,14 +7,11 @@ use serde_json::Value;
 use std::io::{BufRead, BufReader};
 use std::process::Stdio;
 
-/// The state of each step of the guide, by its name.
+/// Returns a step of the guide by its name; null before the first status of the rig.
 fn step(status: &Value, name: &str) -> Value {
-    let steps = status["guide"]["steps"].as_array().unwrap().iter();
-    let mut found = steps.filter(|step| step["name"] == name);
-    found
-        .next()
-        .unwrap_or_else(|| panic!("{name}: {status}"))
-        .clone()
+    let steps = status["guide"]["steps"].as_array();
+    let found = steps.and_then(|steps| steps.iter().find(|step| step["name"] == name));
+    found.cloned().unwrap_or(Value::Null)
 }
 
 /// Starts the program; returns it with the address of its page.
