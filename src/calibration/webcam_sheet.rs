@@ -349,7 +349,8 @@ mod tests {
                 for (corner, pixel) in tag.corners().iter().zip(seen.corners) {
                     let from_middle = (*corner - sheet.middle()).truncate();
                     let at = 0.5 * paper.size() + DVec2::new(from_middle.x, -from_middle.y);
-                    assert!(pixel.distance(at * dots - 0.5) < 0.6, "{} {pixel}", tag.id);
+                    // The raster rounds edges to whole dots: half a dot in each direction.
+                    assert!(pixel.distance(at * dots - 0.5) < 0.75, "{} {pixel}", tag.id);
                 }
             }
         }
