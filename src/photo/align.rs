@@ -7,10 +7,14 @@
 use glam::IVec2;
 use penumbra_picture::Picture;
 
-/// Levels of the pyramid: shifts of up to 2^(LEVELS) pixels are found.
+/// Levels of the pyramid at most; the coarsest has 32 pixels at least along its shorter side.
 const LEVELS: u32 = 6;
-/// Codes about the median that are noise.
-const MARGIN: i32 = 4;
+/// Pixels that are searched to either side at the coarsest level, which shifts of up to
+/// 2^(LEVELS - 1) × this can reach, and at the others, whose start is coarse.
+const REACH: [i32; 2] = [3, 2];
+/// Maximum distance from the median that is noise, codes; an eighth of the range in which half of the
+/// pixels are, if that is less.
+const MAX_MARGIN: i32 = 4;
 
 /// The shift of one picture to another, and how well they agree there.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -33,20 +37,26 @@ pub fn shift(first: &Picture, second: &Picture) -> Option<Shift> {
         pixels: IVec2::ZERO,
         differing: 1.0,
     };
-    for (a, b) in a.iter().zip(&b).rev() {
+    for (k, (a, b)) in a.iter().zip(&b).rev().enumerate() {
         let (a, b) = (a.bits(), b.bits());
-        let centre = best.pixels * 2;
-        let near = (-1..=1).flat_map(|y| (-1..=1).map(move |x| centre + IVec2::new(x, y)));
+        let (centre, reach) = (best.pixels * 2, REACH[k.min(1)]);
+        let side = -reach..=reach;
+        let near = side
+            .clone()
+            .flat_map(|y| side.clone().map(move |x| centre + IVec2::new(x, y)));
         let judged = near.filter_map(|pixels| {
             let differing = a.differing(&b, pixels)?;
             Some(Shift { pixels, differing })
         });
-        // The smallest shift wins a tie.
-        best = judged.min_by(|p, q| {
-            let length = |s: &Shift| s.pixels.length_squared();
-            let order = p.differing.total_cmp(&q.differing);
-            order.then(length(p).cmp(&length(q)))
-        })?;
+        let judged: Vec<Shift> = judged.collect();
+        let least = judged.iter().map(|s| s.differing).reduce(f64::min)?;
+        // Smooth pictures agree over several shifts: the middle one is the most likely.
+        let ties = judged.iter().filter(|s| s.differing <= least);
+        let (sum, count) = ties.fold((IVec2::ZERO, 0), |(sum, n), s| (sum + s.pixels, n + 1));
+        best = Shift {
+            pixels: (sum.as_dvec2() / f64::from(count)).round().as_ivec2(),
+            differing: least,
+        };
     }
     Some(best)
 }
@@ -107,15 +117,19 @@ impl Grey {
         for &code in &self.codes {
             counts[usize::from(code)] += 1;
         }
-        let mut below = 0;
-        let median = counts.iter().position(|n| {
-            below += n;
-            2 * below >= self.codes.len()
-        });
-        let median = median.unwrap_or(0) as i32;
+        let quantile = |share: f64| {
+            let mut below = 0;
+            let found = counts.iter().position(|n| {
+                below += n;
+                below as f64 >= share * self.codes.len() as f64
+            });
+            found.unwrap_or(0) as i32
+        };
+        let median = quantile(0.5);
+        let margin = ((quantile(0.75) - quantile(0.25)) / 8).clamp(1, MAX_MARGIN);
         let sign = |code: &u8| {
             let above = i32::from(*code) - median;
-            if above.abs() <= MARGIN {
+            if above.abs() <= margin {
                 0
             } else {
                 above.signum() as i8
@@ -183,9 +197,9 @@ mod tests {
             for gain in [1.0, 0.4, 1.3] {
                 let pixels = IVec2::from(pixels);
                 let found = shift(&texture(IVec2::ZERO, 1.0), &texture(pixels, gain)).unwrap();
-                // In so smooth a texture, pixels near the median hide a shift of two pixels.
+                // At the lowest contrast, rounding of codes hides a pixel.
                 let error = (found.pixels - pixels).abs().max_element();
-                assert!(error <= 2, "{found:?} for {pixels}, gain {gain}");
+                assert!(error <= 1, "{found:?} for {pixels}, gain {gain}");
                 assert!(found.differing < 0.02, "{found:?}");
             }
         }
