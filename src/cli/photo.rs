@@ -54,7 +54,8 @@ pub struct PhotoArgs {
     /// Field of view along the longer side, degrees, in place of EXIF's
     #[arg(long, value_name = "DEGREES", value_parser = field_of_view)]
     fov: Option<f64>,
-    /// The ball's circle in the first picture that shows it, pixels, if it is not found
+    /// The ball's circle, pixels, if it is not found: in the picture with the ball whose exposure is the
+    /// most similar to the empty one's
     #[arg(long, value_name = "X,Y,RADIUS", value_parser = circle)]
     ball: Option<Circle>,
     /// Share of the light that the ball reflects: 0.85 silvered glass, 0.6 steel
@@ -91,7 +92,7 @@ pub fn run(args: &PhotoArgs) -> anyhow::Result<ExitCode> {
     let analysis = analyse(args)?;
     describe(&analysis).into_iter().for_each(super::say);
     if let Some(path) = &args.found {
-        files::write(path, &png(&analysis.drawn())?, args.force)?;
+        files::write(path, &penumbra_photo::png(&analysis.drawn())?, args.force)?;
     }
     let folder = tempfile::tempdir().context("no temporary folder can be created")?;
     let session = folder.path().join("photographs.mcap");
@@ -186,24 +187,6 @@ fn written(folder: &Path, name: &str, text: &str) -> anyhow::Result<PathBuf> {
     std::fs::write(&path, text)
         .map_err(|e| anyhow!("{}: cannot be written ({e})", path.display()))?;
     Ok(path)
-}
-
-fn png(picture: &Picture) -> anyhow::Result<Vec<u8>> {
-    use image::ImageEncoder;
-    let rgb: Vec<u8> = picture
-        .rgba
-        .chunks_exact(4)
-        .flat_map(|p| [p[0], p[1], p[2]])
-        .collect();
-    let mut bytes = Vec::new();
-    let kind = image::ExtendedColorType::Rgb8;
-    image::codecs::png::PngEncoder::new(&mut bytes).write_image(
-        &rgb,
-        picture.width,
-        picture.height,
-        kind,
-    )?;
-    Ok(bytes)
 }
 
 /// Returns what was found, a line each.

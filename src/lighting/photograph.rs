@@ -248,6 +248,14 @@ fn in_range(value: f64, low: f64, high: f64) -> Result<f64, PhotographError> {
 /// # Errors
 /// The file cannot be read, or is not a JPEG or PNG picture.
 pub fn read_picture(path: &Path) -> Result<Picture, PhotographError> {
+    read_picture_file(path).map(|(_, picture)| picture)
+}
+
+/// As [`read_picture`]; returns the file's bytes, too, for what else they hold.
+///
+/// # Errors
+/// As [`read_picture`].
+pub fn read_picture_file(path: &Path) -> Result<(Vec<u8>, Picture), PhotographError> {
     let unreadable = |source| PhotographError::Read {
         path: path.to_owned(),
         source,
@@ -258,7 +266,8 @@ pub fn read_picture(path: &Path) -> Result<Picture, PhotographError> {
     };
     let bytes = read_bounded(path, MAX_PICTURE_BYTES).map_err(unreadable)?;
     // A JPEG that was cut off is refused: its missing part would be taken for dark surroundings.
-    Picture::from_file_bytes(&bytes).map_err(damaged)
+    let picture = Picture::from_file_bytes(&bytes).map_err(damaged)?;
+    Ok((bytes, picture))
 }
 
 #[cfg(test)]

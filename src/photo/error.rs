@@ -1,29 +1,15 @@
 //! Errors of photographs.
 
-use penumbra_picture::PictureError;
+use penumbra_lighting::photograph::PhotographError;
 use penumbra_session::SessionError;
-use std::io;
 use std::path::PathBuf;
 
 /// Why photographs cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum PhotoError {
-    /// A file could not be read.
-    #[error("cannot read {path}: {source}")]
-    Read {
-        /// The file.
-        path: PathBuf,
-        /// The cause.
-        source: io::Error,
-    },
-    /// The file is not a picture.
-    #[error("{path} is not a JPEG or PNG picture, or it is damaged: {source}")]
-    Decode {
-        /// The file.
-        path: PathBuf,
-        /// The cause.
-        source: PictureError,
-    },
+    /// A file could not be read, or is not a picture.
+    #[error(transparent)]
+    File(#[from] PhotographError),
     /// The pictures differ in size.
     #[error(
         "{path} has {} × {} pixels, {first} has {} × {}: use the same camera in the same position, \

@@ -22,6 +22,7 @@ pub use check::ShadowCheck;
 pub use error::PhotoError;
 pub use photograph::Photograph;
 pub use placement::{ASSUMED_TILT_DEGREES, GroundFrom, Placement, PrintedTag};
+pub use session::png;
 pub use tone::Tone;
 
 use glam::{DVec2, IVec2};
@@ -34,6 +35,9 @@ pub const ASSUMED_FIELD_OF_VIEW_DEGREES: f64 = 66.0;
 pub const ASSUMED_REFLECTANCE: f32 = 0.85;
 /// Share of pixels that may differ between aligned pictures: the ball, its shadow and people.
 const MAX_DIFFERING: f64 = 0.3;
+/// Difference of exposures beyond which a picture may show too little to be aligned, stops.
+const DARKER: f64 = 2.0;
+
 /// What the user states.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PhotoOptions {
@@ -41,7 +45,8 @@ pub struct PhotoOptions {
     pub ball_radius: f64,
     /// Linear reflectance of the ball.
     pub reflectance: [f32; 3],
-    /// The ball's circle in the first picture that shows it, if it shall not be searched; pixels.
+    /// The ball's circle, if it shall not be searched; pixels of the picture with the ball whose exposure
+    /// is the most similar to that of the picture without it.
     pub circle: Option<Circle>,
     /// Field of view along the longer side in place of EXIF's, degrees.
     pub field_of_view_degrees: Option<f64>,
@@ -71,7 +76,7 @@ pub struct BallPicture {
 pub struct Analysis {
     /// The picture without the ball.
     pub empty: Photograph,
-    /// The pictures that show the ball at the place where the light is measured.
+    /// The pictures that show the ball, at least one, those of the most similar exposures first.
     pub balls: Vec<BallPicture>,
     /// The lens.
     pub camera: PinholeCamera,
@@ -103,18 +108,9 @@ impl Analysis {
     ) -> Result<Self, PhotoError> {
         let (camera, is_lens_assumed) = lens(&empty, options.field_of_view_degrees);
         let (stops, are_exposures_known) = stops(&empty, &balls, options);
-        let mut pictures = Vec::new();
-        for (photograph, ev) in balls.into_iter().zip(stops) {
-            let shift = aligned(&empty, &photograph)?;
-            pictures.push(Shifted {
-                photograph,
-                shift,
-                ev,
-            });
-        }
+        let pictures = aligned(&empty, balls.into_iter().zip(stops).collect())?;
         let balls = with_ball(&empty, pictures, options.circle)?;
-        let best = best_exposed(&balls);
-        let ball = fitted(best, &empty, &camera, options.circle.is_some())?;
+        let ball = fitted(&balls[0], &empty, &camera, options.circle.is_some())?;
         let series: Vec<_> = balls
             .iter()
             .map(|b| (&b.photograph.picture, b.ev, b.shift))
@@ -165,28 +161,48 @@ fn stops(empty: &Photograph, balls: &[Photograph], options: &PhotoOptions) -> (V
     (stops.into_iter().skip(1).collect(), are_known)
 }
 
-/// Returns the shift of a picture to the one without the ball.
-fn aligned(empty: &Photograph, photograph: &Photograph) -> Result<IVec2, PhotoError> {
+/// Aligns the pictures to the one without the ball, those of the most similar exposures first. A much
+/// darker one shows too little to be compared: it has the shift of the one before it.
+fn aligned(
+    empty: &Photograph,
+    mut balls: Vec<(Photograph, f64)>,
+) -> Result<Vec<Shifted>, PhotoError> {
     let size = |p: &Photograph| (p.picture.width, p.picture.height);
-    if size(photograph) != size(empty) {
-        return Err(PhotoError::Size {
-            path: photograph.path.clone(),
-            size: size(photograph),
-            first: empty.path.clone(),
-            first_size: size(empty),
+    // Stable: of equal exposures the first given.
+    balls.sort_by(|a, b| {
+        (8.0 * a.1.abs())
+            .round()
+            .total_cmp(&(8.0 * b.1.abs()).round())
+    });
+    let mut pictures: Vec<Shifted> = Vec::new();
+    for (photograph, ev) in balls {
+        if size(&photograph) != size(empty) {
+            return Err(PhotoError::Size {
+                path: photograph.path.clone(),
+                size: size(&photograph),
+                first: empty.path.clone(),
+                first_size: size(empty),
+            });
+        }
+        let before = pictures.last().map_or(IVec2::ZERO, |p| p.shift);
+        let pixels = match shift(&empty.picture, &photograph.picture) {
+            Some(found) if found.differing <= MAX_DIFFERING => found.pixels,
+            Some(found) if ev.abs() < DARKER => {
+                return Err(PhotoError::Unaligned {
+                    path: photograph.path.clone(),
+                    first: empty.path.clone(),
+                    percent: 100.0 * found.differing,
+                });
+            }
+            _ => before,
+        };
+        pictures.push(Shifted {
+            photograph,
+            shift: pixels,
+            ev,
         });
     }
-    let Some(found) = shift(&empty.picture, &photograph.picture) else {
-        return Ok(IVec2::ZERO);
-    };
-    if found.differing > MAX_DIFFERING {
-        return Err(PhotoError::Unaligned {
-            path: photograph.path.clone(),
-            first: empty.path.clone(),
-            percent: 100.0 * found.differing,
-        });
-    }
-    Ok(found.pixels)
+    Ok(pictures)
 }
 
 fn inside(circle: Circle, photograph: &Photograph) -> Result<Circle, PhotoError> {
@@ -219,90 +235,47 @@ struct Shifted {
     ev: f64,
 }
 
-impl Shifted {
-    fn with(self, circle: Circle) -> BallPicture {
-        BallPicture {
-            photograph: self.photograph,
-            shift: self.shift,
-            ev: self.ev,
-            circle,
-        }
-    }
-
-    /// Returns the ball's circle, moved by the picture's shift from that of another picture.
-    fn moved(&self, circle: Circle, shift: IVec2) -> Circle {
-        Circle {
-            centre: circle.centre + (self.shift - shift).as_dvec2(),
-            ..circle
-        }
-    }
-}
-
-/// Finds the ball in the picture whose exposure is closest to that of the picture without it. The others
-/// show it at the same place.
+/// Finds the ball in the first picture, whose exposure is the most similar to that of the picture without
+/// it. The others show it at the same place. A `stated` circle is in pixels of the first picture, too.
 fn with_ball(
     empty: &Photograph,
-    mut pictures: Vec<Shifted>,
+    pictures: Vec<Shifted>,
     stated: Option<Circle>,
 ) -> Result<Vec<BallPicture>, PhotoError> {
-    // Of equal exposures the first given.
-    let reference = (0..pictures.len()).min_by(|&a, &b| {
-        let stops = |i: usize| (8.0 * pictures[i].ev.abs()).round();
-        stops(a).total_cmp(&stops(b))
-    });
-    let Some(reference) = reference else {
-        return Ok(Vec::new());
+    let first = pictures.first().ok_or_else(|| no_ball(empty))?;
+    let circle = match stated {
+        Some(circle) => inside(circle, &first.photograph)?,
+        None => ball::find(&first.photograph.picture, &empty.picture, first.shift)
+            .ok_or_else(|| no_ball(&first.photograph))?,
     };
-    let stated = stated
-        .map(|circle| inside(circle, &pictures[0].photograph))
-        .transpose()?
-        .map(|circle| pictures[reference].moved(circle, pictures[0].shift));
-    let reference = pictures.remove(reference);
-    let picture = &reference.photograph.picture;
-    let circle = stated
-        .or_else(|| ball::find(picture, &empty.picture, reference.shift))
-        .ok_or_else(|| no_ball(&reference.photograph))?;
-    let shift = reference.shift;
-    let mut balls = vec![reference.with(circle)];
-    for picture in pictures {
-        let here = picture.moved(circle, shift);
-        balls.push(picture.with(here));
-    }
-    Ok(balls)
-}
-
-/// Returns the picture whose exposure is closest to that of the picture without the ball.
-fn best_exposed(balls: &[BallPicture]) -> Option<&BallPicture> {
-    balls
-        .iter()
-        .min_by(|a, b| a.ev.abs().total_cmp(&b.ev.abs()))
+    let shift = first.shift;
+    let with = |picture: Shifted| BallPicture {
+        circle: Circle {
+            centre: circle.centre + (picture.shift - shift).as_dvec2(),
+            ..circle
+        },
+        photograph: picture.photograph,
+        shift: picture.shift,
+        ev: picture.ev,
+    };
+    Ok(pictures.into_iter().map(with).collect())
 }
 
 /// Fits the ball's outline. A stated circle of which nothing is visible is believed.
 fn fitted(
-    picture: Option<&BallPicture>,
+    picture: &BallPicture,
     empty: &Photograph,
     camera: &PinholeCamera,
     is_stated: bool,
 ) -> Result<FoundBall, PhotoError> {
-    let Some(BallPicture {
+    let BallPicture {
         photograph,
         shift,
         circle,
         ..
-    }) = picture
-    else {
-        return Err(PhotoError::NoBall {
-            path: std::path::PathBuf::new(),
-        });
-    };
-    let found = ball::cone(
-        [&photograph.picture, &empty.picture],
-        camera,
-        *circle,
-        *shift,
-    );
-    match found {
+    } = picture;
+    let pictures = [&photograph.picture, &empty.picture];
+    match ball::cone(pictures, camera, *circle, *shift) {
         Some(found) => Ok(found),
         None if is_stated => {
             let centre = circle.centre - shift.as_dvec2();
@@ -327,4 +300,67 @@ fn place(
         return placement::by_tilt(ball, radius, tilt, GroundFrom::Stated);
     }
     placement::by_tilt(ball, radius, ASSUMED_TILT_DEGREES, GroundFrom::Assumed)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use penumbra_picture::Picture;
+    use std::path::Path;
+
+    fn photograph(name: &str) -> Photograph {
+        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/fixtures/photo");
+        Photograph::read(&folder.join(name)).unwrap()
+    }
+
+    fn options(exposures: &[f64]) -> PhotoOptions {
+        PhotoOptions {
+            ball_radius: 0.04,
+            reflectance: [0.85; 3],
+            circle: None,
+            field_of_view_degrees: None,
+            tilt_degrees: Some(28.0),
+            tag: None,
+            exposures: Some(exposures.to_vec()),
+        }
+    }
+
+    fn black(like: &Photograph) -> Photograph {
+        let Picture { width, height, .. } = like.picture;
+        let codes = (0..width * height).map(|i| ((i.wrapping_mul(2_654_435_761) >> 13) % 3) as u8);
+        let rgba = codes.flat_map(|code| [code, code, code, 255]).collect();
+        Photograph {
+            picture: Picture {
+                width,
+                height,
+                rgba,
+            },
+            ..like.clone()
+        }
+    }
+
+    #[test]
+    fn pictures_are_used_in_any_order_and_dark_ones_are_not_refused() {
+        let empty = photograph("empty.jpg");
+        let dark = black(&empty);
+        let balls = vec![dark, photograph("ball2.jpg"), photograph("ball1.jpg")];
+        let found = Analysis::new(empty, balls, &options(&[0.0, -12.0, -3.0, 0.0])).unwrap();
+        let stops: Vec<f64> = found.balls.iter().map(|b| b.ev).collect();
+        assert_eq!(stops, [0.0, -3.0, -12.0]);
+        assert!(found.balls.iter().all(|b| b.shift == IVec2::ZERO));
+        let centre = found.ball.circle.centre;
+        assert!(centre.distance(DVec2::new(220.0, 179.0)) < 2.0, "{centre}");
+    }
+
+    #[test]
+    fn pictures_of_another_place_are_refused() {
+        let empty = photograph("empty.jpg");
+        let elsewhere = black(&empty);
+        let refused = Analysis::new(empty, vec![elsewhere], &options(&[0.0, 0.0])).unwrap_err();
+        let message = refused.to_string();
+        assert!(
+            message.contains("does not show the same place"),
+            "{message}"
+        );
+    }
 }

@@ -4,7 +4,8 @@ use crate::error::PhotoError;
 use exif::{Exif, In, Tag, Value};
 use glam::DVec2;
 use moxcms::{ColorProfile, Layout, TransformOptions};
-use penumbra_picture::{MAX_PICTURE_BYTES, Picture, read_bounded};
+use penumbra_lighting::photograph::read_picture_file;
+use penumbra_picture::Picture;
 use std::io::Cursor;
 use std::path::{Path, PathBuf};
 
@@ -32,15 +33,7 @@ impl Photograph {
     /// # Errors
     /// The file cannot be read, or is not a JPEG or PNG picture.
     pub fn read(path: &Path) -> Result<Self, PhotoError> {
-        let bytes = read_bounded(path, MAX_PICTURE_BYTES).map_err(|source| PhotoError::Read {
-            path: path.to_owned(),
-            source,
-        })?;
-        let mut picture =
-            Picture::from_file_bytes(&bytes).map_err(|source| PhotoError::Decode {
-                path: path.to_owned(),
-                source,
-            })?;
+        let (bytes, mut picture) = read_picture_file(path)?;
         let exif = exif::Reader::new()
             .read_from_container(&mut Cursor::new(&bytes))
             .ok();
@@ -258,6 +251,25 @@ mod tests {
             codes.sort_unstable();
             assert_eq!(codes, (0..15).collect::<Vec<u8>>(), "{orientation}");
         }
+    }
+
+    #[test]
+    fn wide_colours_are_converted_and_srgb_is_left_alone() {
+        let icc = |profile: ColorProfile| profile.encode().unwrap();
+        let red = Picture {
+            width: 1,
+            height: 1,
+            rgba: vec![200, 90, 40, 255],
+        };
+        let mut wide = red.clone();
+        let name = to_srgb(&icc(ColorProfile::new_display_p3()), &mut wide);
+        assert!(name.unwrap().contains("P3"));
+        // Display P3's primaries are outside of sRGB: the same codes are a stronger colour.
+        let [r, g, b] = wide.rgb(0, 0);
+        assert!(r > 205 && g < 90 && b < 40, "{r} {g} {b}");
+        let mut same = red.clone();
+        assert_eq!(to_srgb(&icc(ColorProfile::new_srgb()), &mut same), None);
+        assert_eq!(same, red);
     }
 
     #[test]

@@ -173,7 +173,7 @@ impl Analysis {
             "gains": {
                 "rgb": vec![gain; 3],
                 "relative_sigma": vec![0.01; 3],
-                "method": "overlap",
+                "method": "exposures of one camera",
             },
         })
     }
@@ -201,7 +201,10 @@ fn cropped(picture: &Picture, crop: &Crop) -> Picture {
 }
 
 /// Encodes a picture as PNG without alpha.
-pub(crate) fn png(picture: &Picture) -> Result<Vec<u8>, PhotoError> {
+///
+/// # Errors
+/// The picture is empty or inconsistent.
+pub fn png(picture: &Picture) -> Result<Vec<u8>, PhotoError> {
     let rgb: Vec<u8> = picture
         .rgba
         .chunks_exact(4)

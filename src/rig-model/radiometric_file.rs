@@ -134,7 +134,7 @@ pub struct GainsRecord {
     pub rgb: [f64; 3],
     /// Relative standard error of each.
     pub relative_sigma: [f64; 3],
-    /// "chart", "grey card" or "overlap".
+    /// How they were found: "chart", "grey card", "overlap", or "exposures of one camera".
     pub method: String,
     /// Exposure time × gain of scene and environment camera during the calibration, seconds, if the
     /// cameras report it.

@@ -35,27 +35,30 @@ impl Drop for Running {
 impl Running {
     /// Starts the live rig; returns it with the address that it prints.
     pub fn rig(desk: &Desk, more: &[&str]) -> (Self, String) {
-        let line = [
-            "run",
-            "--config",
-            "rig.toml",
-            "--headless",
-            "--listen",
-            "127.0.0.1:0",
-        ];
-        let mut command = desk.command(&[&line, more].concat());
-        let child = command
+        Self::serving(desk, &[&["run", "--config", "rig.toml"], more].concat())
+    }
+
+    /// Starts a command that serves the status page; returns it with the address that it prints.
+    pub fn serving(desk: &Desk, command: &[&str]) -> (Self, String) {
+        let page = ["--headless", "--listen", "127.0.0.1:0"];
+        let child = desk
+            .command(&[command, &page].concat())
             .stdout(Stdio::piped())
             .stderr(Stdio::piped())
             .spawn();
         let mut running = Self(child.unwrap());
         let mut printed = String::new();
-        let stdout = running.0.stdout.as_mut().unwrap();
-        BufReader::new(stdout).read_line(&mut printed).unwrap();
-        let address = printed.trim_end().strip_prefix("status page: http://");
-        let address = address.and_then(|a| a.strip_suffix('/'));
-        let address = address.unwrap_or_else(|| panic!("{printed:?}")).to_owned();
-        (running, address)
+        // It is kept open: the program goes on printing.
+        let mut stdout = BufReader::new(running.0.stdout.as_mut().unwrap());
+        while stdout.read_line(&mut printed).unwrap() > 0 {
+            let last = printed.lines().next_back().unwrap_or_default();
+            let address = last.strip_prefix("status page: http://");
+            if let Some(address) = address.and_then(|a| a.strip_suffix('/')) {
+                let address = address.to_owned();
+                return (running, address);
+            }
+        }
+        panic!("no address: {printed:?}");
     }
 
     /// Wraps a program that was started elsewhere.

@@ -4,8 +4,6 @@ use crate::live::{Running, status, until};
 use crate::program::Desk;
 use crate::service::get;
 use serde_json::Value;
-use std::io::{BufRead, BufReader};
-use std::process::Stdio;
 
 /// Returns a step of the guide by its name; null before the first status of the rig.
 fn step(status: &Value, name: &str) -> Value {
@@ -16,28 +14,7 @@ fn step(status: &Value, name: &str) -> Value {
 
 /// Starts the program; returns it with the address of its page.
 fn start(desk: &Desk, more: &[&str]) -> (Running, String) {
-    let line = [
-        "webcam",
-        "--folder",
-        "w",
-        "--headless",
-        "--listen",
-        "127.0.0.1:0",
-    ];
-    let mut command = desk.command(&[&line, more].concat());
-    let child = command
-        .stdout(Stdio::piped())
-        .stderr(Stdio::piped())
-        .spawn();
-    let mut running = Running::from_child(child.unwrap());
-    for line in BufReader::new(running.stdout()).lines() {
-        let line = line.unwrap();
-        let address = line.strip_prefix("status page: http://");
-        if let Some(address) = address.and_then(|a| a.strip_suffix('/')) {
-            return (running, address.to_owned());
-        }
-    }
-    panic!("no address: {}", running.end());
+    Running::serving(desk, &[&["webcam", "--folder", "w"], more].concat())
 }
 
 #[test]
