@@ -116,15 +116,18 @@ pub fn run(args: &PhotoArgs) -> anyhow::Result<ExitCode> {
 }
 
 fn analyse(args: &PhotoArgs) -> anyhow::Result<Analysis> {
-    let count = args.balls.len() + 1;
-    if let Some(stated) = &args.exposures
-        && (stated.len() != count || stated.iter().any(|ev| !(ev.abs() <= 30.0)))
-    {
+    let (count, stated) = (args.balls.len() + 1, args.exposures.as_deref());
+    if let Some(stated) = stated.filter(|stated| stated.len() != count) {
         bail!(
             "--exposures: {} values for {count} pictures; state one in stops for each, the picture \
              without the ball first",
             stated.len()
         );
+    }
+    if let Some(ev) =
+        stated.and_then(|stated| stated.iter().find(|ev| ev.abs() > 30.0 || ev.is_nan()))
+    {
+        bail!("--exposures: {ev} is no exposure in stops; expected -30 to 30");
     }
     let empty = Photograph::read(&args.empty)?;
     let balls = args.balls.iter().map(|path| Photograph::read(path));
@@ -143,8 +146,10 @@ fn analyse(args: &PhotoArgs) -> anyhow::Result<Analysis> {
 
 /// Composes one picture of a session at best quality. Returns the PNG file.
 fn compose(session: &Path, scene: &Path, frames: &Path) -> anyhow::Result<Vec<u8>> {
-    let mut config = Config::default();
-    config.scene = SceneChoice::from_text(&scene.display().to_string());
+    let mut config = Config {
+        scene: SceneChoice::from_text(&scene.display().to_string()),
+        ..Config::default()
+    };
     config.picture.quality = Quality::Best;
     config.replay.speed = ReplaySpeed::Max;
     config.output.window = false;

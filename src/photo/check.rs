@@ -4,6 +4,7 @@
 use crate::photograph::reduced;
 use crate::{Analysis, BallPicture};
 use glam::DVec2;
+use penumbra_camera::Response;
 use penumbra_lighting::Circle;
 use penumbra_picture::Picture;
 
@@ -27,6 +28,9 @@ pub struct ShadowCheck {
     pub pixels: usize,
 }
 
+/// Minimum light of a pixel in which a shadow is measured; 1 is white.
+const MIN_LIGHT: f64 = 0.01;
+
 impl Analysis {
     /// Compares the shadow of the ball with that in `composite`: the picture without the ball, with
     /// a virtual ball put in its place. `None` if the ball throws no shadow that can be measured.
@@ -41,26 +45,8 @@ impl Analysis {
         let with = reduced(&real.photograph.picture, factor);
         let shift = (real.shift.as_dvec2() / f64::from(factor)).round();
         let circle = crate::session::reduced_circle(&self.ball, f64::from(factor));
-        let linear = self.tone.response.linear_from_code();
+        let response = &self.tone.response;
         let gain = real.ev.exp2();
-        // Noise and grain must not select the pixels: means of 3 × 3.
-        let value = |picture: &Picture, x: i64, y: i64| {
-            let mut sum = 0.0;
-            for i in 0..9 {
-                let (u, v) = (x + i % 3 - 1, y + i / 3 - 1);
-                let inside = (0..i64::from(picture.width)).contains(&u)
-                    && (0..i64::from(picture.height)).contains(&v);
-                if !inside {
-                    return None;
-                }
-                sum += picture
-                    .rgb(u as u32, v as u32)
-                    .iter()
-                    .map(|code| f64::from(linear[usize::from(*code)]))
-                    .sum::<f64>();
-            }
-            Some(sum)
-        };
         let (mut n, mut sums, mut squares) = (0usize, [0.0; 2], 0.0);
         for y in 0..i64::from(composite.height) {
             for x in 0..i64::from(composite.width) {
@@ -70,14 +56,14 @@ impl Analysis {
                 }
                 let there = (x + shift.x as i64, y + shift.y as i64);
                 let (Some(e), Some(r), Some(c)) = (
-                    value(&empty, x, y),
-                    value(&with, there.0, there.1),
-                    value(composite, x, y),
+                    light(&empty, response, x, y),
+                    light(&with, response, there.0, there.1),
+                    light(composite, response, x, y),
                 ) else {
                     continue;
                 };
                 // Where nothing is to be darkened, nothing is compared.
-                if e < 9.0 * 3.0 * 0.01 {
+                if e < MIN_LIGHT {
                     continue;
                 }
                 let (real, virtual_) = (1.0 - r / (gain * e), 1.0 - c / e);
@@ -129,4 +115,21 @@ impl Analysis {
         balls.sort_by(|a, b| b.ev.total_cmp(&a.ev));
         balls
     }
+}
+
+/// Returns the mean light of 3 × 3 pixels, in which noise and grain do not select the pixels; `None` at
+/// the picture's border and outside.
+fn light(picture: &Picture, response: &Response, x: i64, y: i64) -> Option<f64> {
+    let inner = |at: i64, size: u32| (1..i64::from(size) - 1).contains(&at);
+    if !inner(x, picture.width) || !inner(y, picture.height) {
+        return None;
+    }
+    let around = (0..9).map(|i| ((x + i % 3 - 1) as u32, (y + i / 3 - 1) as u32));
+    let light = |(u, v)| {
+        response
+            .linear_from_rgb(picture.rgb(u, v))
+            .iter()
+            .sum::<f32>()
+    };
+    Some(f64::from(around.map(light).sum::<f32>()) / 27.0)
 }

@@ -67,10 +67,11 @@ fn polyline(picture: &mut Picture, points: impl Iterator<Item = Option<DVec2>>, 
 fn line(picture: &mut Picture, [a, b]: [DVec2; 2], width: f64, colour: [u8; 3]) {
     let size = DVec2::new(f64::from(picture.width), f64::from(picture.height));
     // A line that leaves the picture far away is not followed for ever.
-    if !(a.distance(b) < 4.0 * size.length()) {
+    let length = a.distance(b);
+    if length.is_nan() || length > 4.0 * size.length() {
         return;
     }
-    let steps = (2.0 * a.distance(b)).ceil().max(1.0) as u32;
+    let steps = (2.0 * length).ceil().max(1.0) as u32;
     let half = (width / 2.0).ceil() as i32;
     for i in 0..=steps {
         let p = a

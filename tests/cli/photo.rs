@@ -114,6 +114,10 @@ fn photographs_that_cannot_be_used_are_refused_in_one_line() {
         "{empty} {ball} --ball-diameter 80mm --exposures 0"
     ));
     assert!(count.contains("1 values for 2 pictures"), "{count}");
+    let stops = refused(&format!(
+        "{empty} {ball} --ball-diameter 80mm --exposures 0,99"
+    ));
+    assert!(stops.contains("99 is no exposure"), "{stops}");
     desk.put("note.jpg", "no picture");
     let damaged = refused(&format!("{empty} note.jpg --ball-diameter 80mm"));
     assert!(
