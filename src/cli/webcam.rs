@@ -245,6 +245,7 @@ mod tests {
             let folder = tempfile::tempdir().unwrap();
             let path = folder.path().join("rig.toml");
             std::fs::write(&path, text).unwrap();
+            std::fs::write(folder.path().join("scene.toml"), SCENE).unwrap();
             let config = penumbra_config::Config::load(&path).unwrap();
             assert!(config.registration.refine_lens);
             assert_eq!(config.status.guide, Some(folder.path().join("sheet.pdf")));
