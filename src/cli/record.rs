@@ -40,7 +40,7 @@ pub struct RecordArgs {
     /// Address of its status page
     #[arg(long, value_name = "ADDR:PORT", requires = "while_running")]
     listen: Option<SocketAddr>,
-    /// Have the composited pictures recorded, too, as [recording] composite does
+    /// Have the composited pictures recorded, too, as `[recording] composite` does
     #[arg(long, requires = "while_running")]
     composite: bool,
     /// Token of its status page
