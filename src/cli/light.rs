@@ -5,10 +5,11 @@ use super::progress::Progress;
 use anyhow::{anyhow, bail};
 use clap::Args;
 use penumbra_config::Config;
-use penumbra_lighting::LightReport;
-use penumbra_lighting::photograph::PhotographKind;
+use penumbra_lighting::photograph::{PhotographKind, SurroundingsCircle};
+use penumbra_lighting::{Circle, LightReport};
 use penumbra_rig::light::report::light_of_session;
 use penumbra_session::Session;
+use std::fmt::Write as _;
 use std::fs::File;
 use std::io::Read;
 use std::path::{Path, PathBuf};
@@ -28,7 +29,8 @@ pub struct LightArgs {
     /// Configuration file, for a session
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
-    /// Folder for environment.exr, environment.png, lights.png and light.json
+    /// Folder for environment.exr, environment.png, lights.png and light.json; of a photograph
+    /// found.png, too, in which the circle that was found is drawn
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
     /// Overwrite existing files
@@ -39,10 +41,11 @@ pub struct LightArgs {
     json: bool,
 }
 
-const FILES: [&str; 4] = [
+const FILES: [&str; 5] = [
     "environment.exr",
     "environment.png",
     "lights.png",
+    "found.png",
     "light.json",
 ];
 
@@ -105,12 +108,51 @@ fn is_mcap(path: &Path) -> bool {
 }
 
 fn describe(report: &LightReport) -> String {
-    let d = report.dominant_direction;
-    format!(
-        "dominant light at azimuth {:.1}°, elevation {:.1}°; {} dome lights, {} clipped pixels",
-        d.y.atan2(d.x).to_degrees(),
-        d.z.clamp(-1.0, 1.0).asin().to_degrees(),
+    let mut text = String::new();
+    if let Some((found, _)) = &report.photograph {
+        let _ = writeln!(text, "{}", describe_circle(found));
+    }
+    for source in &report.lighting.radiance.compact_sources {
+        if let Some(at) = source.place.position(source.direction) {
+            let distance = source.place.inverse_distance.recip();
+            let _ = writeln!(
+                text,
+                "lamp at ({:.2}, {:.2}, {:.2}) m, {distance:.2} m away",
+                at.x, at.y, at.z
+            );
+        }
+    }
+    let (azimuth, elevation) = angles(report.dominant_direction);
+    let _ = write!(
+        text,
+        "dominant light at azimuth {azimuth:.1}°, elevation {elevation:.1}°; {} dome lights, {} clipped pixels",
         report.lighting.lights.len(),
         report.clipped_pixels
+    );
+    text
+}
+
+/// Returns azimuth and elevation of a direction, degrees.
+fn angles(d: glam::Vec3) -> (f32, f32) {
+    let elevation = d.z.clamp(-1.0, 1.0).asin();
+    (d.y.atan2(d.x).to_degrees(), elevation.to_degrees())
+}
+
+fn describe_circle(found: &SurroundingsCircle) -> String {
+    let Circle { centre, radius } = found.circle;
+    let how_sure = found.visible.map_or_else(
+        || "as stated".to_owned(),
+        |visible| {
+            format!(
+                "{:.0} % of it visible as a round border; see found.png",
+                100.0 * visible
+            )
+        },
+    );
+    format!(
+        "{}: centre ({:.0}, {:.0}), radius {radius:.0} pixels, {how_sure}",
+        found.kind.name(),
+        centre.x,
+        centre.y
     )
 }

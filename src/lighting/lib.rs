@@ -48,7 +48,9 @@ mod tracking;
 
 pub use blend::Blender;
 pub use brightest::{BrightestFollower, BrightestLight};
-pub use circle::{Circle, Outline, OutlineSearch, find_outline, outline_points, sphere_outline};
+pub use circle::{
+    Circle, OutlineSearch, find_outline, outline_points, sphere_outline, visible_share,
+};
 pub use environment_map::{EnvironmentMapError, read_environment_map};
 pub use equirect::Equirect;
 pub use estimator::EnvironmentEstimator;

@@ -1,18 +1,18 @@
 //! The environment view of a single photograph: through a fisheye lens, or of a mirrored sphere.
 
-use super::circle::{Circle, fisheye_circle, sphere_outline};
+use super::circle::{Circle, fisheye_circle, sphere_outline, visible_share};
 use glam::{DMat3, DQuat, DVec2, DVec3};
 use penumbra_camera::{EnvironmentView, FisheyeLens, MirrorSphere};
 use penumbra_camera::{PinholeCamera, Response};
 use penumbra_interface::RigidTransform;
 use penumbra_picture::{MAX_PICTURE_BYTES, Picture, PictureError, read_bounded, read_text_bounded};
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 use std::f64::consts::PI;
 use std::io;
 use std::path::{Path, PathBuf};
 
 /// The optics of a photograph.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, clap::ValueEnum)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, Serialize, clap::ValueEnum)]
 #[serde(rename_all = "lowercase")]
 pub enum PhotographKind {
     /// A fisheye lens, looking up unless the calibration specifies otherwise.
@@ -54,6 +54,34 @@ pub struct PhotographCalibration {
     pub ground: bool,
 }
 
+impl PhotographKind {
+    /// Returns its name in sentences.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Fisheye => "fisheye's image circle",
+            Self::Sphere => "mirrored sphere",
+        }
+    }
+}
+
+/// Where a photograph shows its surroundings.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SurroundingsCircle {
+    /// Image circle of a fisheye, or outline of a mirrored sphere.
+    pub kind: PhotographKind,
+    /// The circle.
+    pub circle: Circle,
+    /// Share of it that is visible as a round border, 0 to 1: how sure it is. `None` for a circle that the
+    /// calibration states.
+    pub visible: Option<f64>,
+}
+
+/// Minimum visible share of a circle that is taken for a fisheye's or a sphere's.
+const MIN_VISIBLE: f64 = 0.72;
+/// Minimum radius of such a circle, pixels.
+const MIN_RADIUS: f64 = 16.0;
+
 /// Errors of a photograph or its calibration.
 #[derive(Debug, thiserror::Error)]
 pub enum PhotographError {
@@ -86,6 +114,16 @@ pub enum PhotographError {
         "no circle found in the picture: set `centre` and `radius` (pixels) in a calibration file and pass it with --calibration FILE"
     )]
     NoCircle,
+    /// The best circle is not the border of anything round.
+    #[error(
+        "no {} found in the picture: of the best circle, with its centre at ({:.0}, {:.0}) and a radius of {:.0} pixels, only {:.0} % is a round border. A mirrored sphere must fill half of the picture's height, a fisheye's circle must be surrounded by black. If the picture shows one, set `centre` and `radius` (pixels) in a calibration file and pass it with --calibration FILE",
+        .0.kind.name(),
+        .0.circle.centre.x,
+        .0.circle.centre.y,
+        .0.circle.radius,
+        100.0 * .0.visible.unwrap_or_default()
+    )]
+    Doubtful(SurroundingsCircle),
     /// A value is out of range.
     #[error("{key} = {value} is invalid: expected {expected}")]
     Value {
@@ -133,37 +171,86 @@ impl PhotographCalibration {
         self.gamma.map_or_else(Response::srgb, Response::gamma)
     }
 
-    /// Returns the view of a picture. If the file does not give the kind, a picture with black
-    /// corners is a fisheye's and any other a sphere's.
+    /// Returns the circle in which a picture shows its surroundings. If the file does not give the
+    /// kind, a picture with a round border to black is a fisheye's.
     ///
     /// # Errors
-    /// No circle is given or found, or a value is out of range.
-    pub fn view(&self, picture: &Picture) -> Result<EnvironmentView, PhotographError> {
-        let found = fisheye_circle(picture);
-        let kind = self.kind.unwrap_or(match found {
-            Some(_) => PhotographKind::Fisheye,
-            None => PhotographKind::Sphere,
-        });
-        let circle = match (self.centre, self.radius, kind) {
-            (Some([x, y]), Some(radius), _) => Circle {
-                centre: DVec2::new(x, y),
-                radius,
-            },
-            (_, _, PhotographKind::Fisheye) => found.ok_or(PhotographError::NoCircle)?,
-            (_, _, PhotographKind::Sphere) => {
-                sphere_outline(picture).ok_or(PhotographError::NoCircle)?
-            }
+    /// No circle is given or found, the one that is found is doubtful, or a value is out of range.
+    pub fn circle(&self, picture: &Picture) -> Result<SurroundingsCircle, PhotographError> {
+        if let (Some([x, y]), Some(radius)) = (self.centre, self.radius) {
+            return self.stated(picture, DVec2::new(x, y), radius);
+        }
+        let wanted = |kind| self.kind.is_none_or(|stated| stated == kind);
+        let fisheye = || fisheye_circle(picture);
+        let sphere = || {
+            let circle = sphere_outline(picture)?;
+            Some((circle, visible_share(picture, circle)))
         };
-        if !(circle.radius.is_finite() && circle.radius >= 2.0) {
+        let mut best: Option<SurroundingsCircle> = None;
+        for (kind, find) in [
+            (PhotographKind::Fisheye, &fisheye as &dyn Fn() -> _),
+            (PhotographKind::Sphere, &sphere),
+        ] {
+            let Some((circle, visible)) = wanted(kind).then(find).flatten() else {
+                continue;
+            };
+            let found = SurroundingsCircle {
+                kind,
+                circle,
+                visible: Some(visible),
+            };
+            if circle.radius >= MIN_RADIUS && visible >= MIN_VISIBLE {
+                return Ok(found);
+            }
+            if best.is_none_or(|best| best.visible < found.visible) {
+                best = Some(found);
+            }
+        }
+        Err(best.map_or(PhotographError::NoCircle, PhotographError::Doubtful))
+    }
+
+    /// Returns the circle that the calibration states. Without a kind, a picture with a visible
+    /// image circle is a fisheye's.
+    fn stated(
+        &self,
+        picture: &Picture,
+        centre: DVec2,
+        radius: f64,
+    ) -> Result<SurroundingsCircle, PhotographError> {
+        if !(radius.is_finite() && radius >= 2.0) {
             return Err(PhotographError::Value {
                 key: "radius",
-                value: circle.radius,
+                value: radius,
                 expected: "pixels, at least 2",
             });
         }
-        match kind {
-            PhotographKind::Fisheye => self.fisheye(picture, circle),
-            PhotographKind::Sphere => self.sphere(picture, circle),
+        let kind = self.kind.unwrap_or_else(|| {
+            let fisheye = fisheye_circle(picture);
+            if fisheye.is_some_and(|(_, visible)| visible >= MIN_VISIBLE) {
+                PhotographKind::Fisheye
+            } else {
+                PhotographKind::Sphere
+            }
+        });
+        Ok(SurroundingsCircle {
+            kind,
+            circle: Circle { centre, radius },
+            visible: None,
+        })
+    }
+
+    /// Returns the view of a picture that shows its surroundings in a circle.
+    ///
+    /// # Errors
+    /// A value is out of range.
+    pub fn view(
+        &self,
+        picture: &Picture,
+        found: &SurroundingsCircle,
+    ) -> Result<EnvironmentView, PhotographError> {
+        match found.kind {
+            PhotographKind::Fisheye => self.fisheye(picture, found.circle),
+            PhotographKind::Sphere => self.sphere(picture, found.circle),
         }
     }
 

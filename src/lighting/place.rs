@@ -61,6 +61,13 @@ impl LightPlace {
         }
     }
 
+    /// Returns where a light in `direction` from the reference is, world, metres; `None` if it is
+    /// infinitely far.
+    #[must_use]
+    pub fn position(&self, direction: Vec3) -> Option<Vec3> {
+        (!self.is_far()).then(|| self.reference + direction / self.inverse_distance)
+    }
+
     /// Whether the light is infinitely far.
     #[must_use]
     #[inline(always)]

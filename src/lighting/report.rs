@@ -6,8 +6,11 @@ use super::dome::ground_irradiance;
 use super::equirect::{Equirect, preview};
 use super::estimator::EnvironmentEstimator;
 use super::hdr::Bracket;
-use super::light::{LightKind, Lighting};
-use super::photograph::{PhotographCalibration, PhotographError, PhotographKind, read_picture};
+use super::light::{DomeLight, LightKind, Lighting};
+use super::photograph::{
+    PhotographCalibration, PhotographError, PhotographKind, SurroundingsCircle, read_picture,
+};
+use super::place::LightPlace;
 use super::settings::{EnvironmentError, EnvironmentInput, EnvironmentSettings};
 use super::sources::{LUMINANCE, SourceSettings};
 use glam::{DVec2, Mat3, Vec3};
@@ -39,7 +42,14 @@ pub struct LightReport {
     /// Unit vector towards the strongest compact source, or, if there is none, the mean of all
     /// light.
     pub dominant_direction: Vec3,
+    /// In a photograph: where it shows its surroundings, and the photograph with that circle drawn.
+    pub photograph: Option<(SurroundingsCircle, Picture)>,
 }
+
+/// Green, for the circle in a photograph.
+const CIRCLE: [u8; 3] = [60, 255, 90];
+/// Points by which that circle is drawn.
+const RIM_POINTS: u32 = 720;
 
 /// Returns settings for a photograph without brackets: clipped pixels are raised, unless they cover
 /// so much that they are the sky.
@@ -105,11 +115,23 @@ impl LightReport {
         picture: &Picture,
         calibration: &PhotographCalibration,
     ) -> Result<Self, LightReportError> {
-        let view = calibration.view(picture)?;
+        let found = calibration.circle(picture)?;
+        let view = calibration.view(picture, &found)?;
         let settings = photograph_settings(calibration);
         let brackets = [Bracket { picture, ev: 0.0 }];
         let input = EnvironmentInput::new(&brackets, MonotonicTime::default());
-        Self::from_instant(&view, &calibration.response(), settings, &input)
+        let report = Self::from_instant(&view, &calibration.response(), settings, &input)?;
+        let mut drawn = picture.clone();
+        let around = (0..=RIM_POINTS).map(|k| {
+            let turn = std::f64::consts::TAU * f64::from(k) / f64::from(RIM_POINTS);
+            let at = found.circle.centre + DVec2::from_angle(turn) * found.circle.radius;
+            Some(at.to_array())
+        });
+        drawn.draw_line(around, CIRCLE);
+        Ok(Self {
+            photograph: Some((found, drawn)),
+            ..report
+        })
     }
 
     /// The same for one instant of a session.
@@ -146,6 +168,7 @@ impl LightReport {
             clipped_pixels: estimator.clipped_pixels(),
             dominant_direction: dominant_direction(estimator, &lighting),
             lighting,
+            photograph: None,
         })
     }
 
@@ -157,11 +180,12 @@ impl LightReport {
             clipped_pixels: 0,
             dominant_direction: dominant_direction(estimator, &lighting),
             lighting,
+            photograph: None,
         }
     }
 
-    /// Writes `environment.exr`, `environment.png`, `lights.png` and `light.json` into a folder,
-    /// which is created if necessary.
+    /// Writes `environment.exr`, `environment.png`, `lights.png`, `light.json` and, of a photograph,
+    /// `found.png` into a folder, which is created if necessary.
     ///
     /// # Errors
     /// The folder or a file cannot be written.
@@ -170,6 +194,9 @@ impl LightReport {
         self.write_exr(&folder.join("environment.exr"))?;
         write_png(&self.map.to_picture(), &folder.join("environment.png"))?;
         write_png(&preview(&self.lighting, ROWS), &folder.join("lights.png"))?;
+        if let Some((_, drawn)) = &self.photograph {
+            write_png(drawn, &folder.join("found.png"))?;
+        }
         let path = folder.join("light.json");
         let text =
             serde_json::to_string_pretty(&self.summary()).map_err(|e| write_error(&path, e))?;
@@ -219,22 +246,30 @@ impl LightReport {
                 .irradiance
                 .coefficients
                 .map(|c| c.to_array()),
+            compact_sources: lighting
+                .radiance
+                .compact_sources
+                .iter()
+                .map(|source| SourceEntry {
+                    direction: source.direction.to_array(),
+                    irradiance: source.flux.to_array(),
+                    angular_radius_degrees: source.radius.to_degrees(),
+                    place: PlaceEntry::new(source.direction, &source.place),
+                })
+                .collect(),
             dome_lights: lighting
                 .lights
                 .iter()
                 .filter(|l| l.irradiance != Vec3::ZERO)
-                .map(|l| LightEntry {
-                    kind: if l.kind == LightKind::Compact {
-                        "compact"
-                    } else {
-                        "cell"
-                    },
-                    direction: l.direction.to_array(),
-                    irradiance: l.irradiance.to_array(),
-                    angular_radius_degrees: l.angular_radius.to_degrees(),
-                })
+                .map(LightEntry::new)
                 .collect(),
             clipped_pixels: self.clipped_pixels,
+            photograph: self.photograph.as_ref().map(|(found, _)| PhotographEntry {
+                kind: found.kind,
+                centre: found.circle.centre.to_array(),
+                radius: found.circle.radius,
+                visible_share: found.visible,
+            }),
         }
     }
 }
@@ -260,8 +295,19 @@ struct Summary {
     dominant_direction: Direction,
     irradiance: Axes,
     harmonics_without_compact_sources: [[f32; 3]; 9],
+    compact_sources: Vec<SourceEntry>,
     dome_lights: Vec<LightEntry>,
     clipped_pixels: usize,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    photograph: Option<PhotographEntry>,
+}
+
+#[derive(Serialize)]
+struct PhotographEntry {
+    kind: PhotographKind,
+    centre: [f64; 2],
+    radius: f64,
+    visible_share: Option<f64>,
 }
 
 #[derive(Serialize)]
@@ -297,6 +343,52 @@ struct LightEntry {
     direction: [f32; 3],
     irradiance: [f32; 3],
     angular_radius_degrees: f32,
+    /// Where a near light is, world, metres; direction and irradiance are those at `reference`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    place: Option<PlaceEntry>,
+}
+
+#[derive(Serialize)]
+struct PlaceEntry {
+    position: [f32; 3],
+    distance: f32,
+    reference: [f32; 3],
+}
+
+impl PlaceEntry {
+    /// Of a light in a direction from the place's reference; `None` if it is far.
+    fn new(direction: Vec3, place: &LightPlace) -> Option<Self> {
+        Some(Self {
+            position: place.position(direction)?.to_array(),
+            distance: place.inverse_distance.recip(),
+            reference: place.reference.to_array(),
+        })
+    }
+}
+
+/// A lamp, a window, the sun.
+#[derive(Serialize)]
+struct SourceEntry {
+    direction: [f32; 3],
+    irradiance: [f32; 3],
+    angular_radius_degrees: f32,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    place: Option<PlaceEntry>,
+}
+
+impl LightEntry {
+    fn new(light: &DomeLight) -> Self {
+        Self {
+            kind: match light.kind {
+                LightKind::Compact => "compact",
+                LightKind::Cell => "cell",
+            },
+            direction: light.direction.to_array(),
+            irradiance: light.irradiance.to_array(),
+            angular_radius_degrees: light.angular_radius.to_degrees(),
+            place: PlaceEntry::new(light.direction, &light.place),
+        }
+    }
 }
 
 fn unwrap_view(

@@ -59,7 +59,7 @@ pub fn find(with: &Picture, without: &Picture, shift: IVec2) -> Option<Circle> {
         max_side: MAX_SIDE,
         prior: &prior,
     };
-    find_outline(with, &search).map(|found| found.circle)
+    find_outline(with, &search)
 }
 
 impl Changes {

@@ -8,6 +8,7 @@ mod bayer;
 mod bounded;
 mod coded;
 mod decode;
+mod draw;
 mod error;
 mod picture;
 mod raw;

@@ -256,6 +256,49 @@ fn writes_maps_and_lights_of_a_session() {
     assert!(line.contains("--kind"), "{line}");
 }
 
+/// A picture of 240×200 pixels: a brighter disc with a soft border before a grey wall, or the wall
+/// alone.
+fn wall(disc: Option<f64>) -> Vec<u8> {
+    let picture = image::RgbImage::from_fn(240, 200, |x, y| {
+        let from_centre = (f64::from(x) - 125.0).hypot(f64::from(y) - 96.0);
+        let inside = disc.map_or(0.0, |radius| (radius - from_centre) / 4.0 + 0.5);
+        let level = 90.0 + (130.0 - f64::from(y) / 4.0) * inside.clamp(0.0, 1.0);
+        image::Rgb([level as u8; 3])
+    });
+    let mut png = std::io::Cursor::new(Vec::new());
+    picture.write_to(&mut png, image::ImageFormat::Png).unwrap();
+    png.into_inner()
+}
+
+#[test]
+fn light_names_and_draws_the_sphere_that_it_found() {
+    let desk = Desk::new();
+    desk.put("ball.png", wall(Some(80.0)));
+    let printed = desk.works("light ball.png --out light");
+    assert!(
+        printed.starts_with("mirrored sphere: centre (125, "),
+        "{printed}"
+    );
+    let found = desk.json("light/light.json")["photograph"].clone();
+    assert_eq!(found["kind"], "sphere");
+    let near =
+        |value: &serde_json::Value, expected: f64| (value.as_f64().unwrap() - expected).abs() < 1.0;
+    assert!(near(&found["centre"][0], 125.0), "{found}");
+    assert!(near(&found["centre"][1], 96.0), "{found}");
+    assert!(near(&found["radius"], 80.0), "{found}");
+    assert!(found["visible_share"].as_f64().unwrap() > 0.9, "{found}");
+    let drawn = image::load_from_memory(&desk.read("light/found.png"))
+        .unwrap()
+        .into_rgb8();
+    let [red, green, blue] = drawn.get_pixel(125, 16).0;
+    assert!(green > 200 && red < 100 && blue < 120);
+
+    desk.put("wall.png", wall(None));
+    let refused = desk.refuses("light wall.png --out nothing");
+    assert!(refused.contains("--calibration FILE"), "{refused}");
+    assert!(!desk.path("nothing").exists());
+}
+
 #[test]
 fn light_refuses_files_that_are_not_pictures() {
     let desk = Desk::new();

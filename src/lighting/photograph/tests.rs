@@ -12,7 +12,7 @@ struct Estimator(EnvironmentEstimator);
 
 impl Estimator {
     fn new(picture: &Picture, calibration: &PhotographCalibration) -> Self {
-        let view = calibration.view(picture).unwrap();
+        let view = view(calibration, picture);
         let settings = photograph_settings(calibration);
         Self(EnvironmentEstimator::new(&view, &calibration.response(), settings, None).unwrap())
     }
@@ -23,6 +23,11 @@ impl Estimator {
         let lighting = self.0.update(&input).unwrap();
         dominant_direction(&self.0, &lighting)
     }
+}
+
+fn view(calibration: &PhotographCalibration, picture: &Picture) -> EnvironmentView {
+    let circle = calibration.circle(picture).unwrap();
+    calibration.view(picture, &circle).unwrap()
 }
 
 fn numbers(path: &Path) -> Vec<f64> {
@@ -104,6 +109,40 @@ fn finds_outlines_of_mirror_balls() {
     }
 }
 
+#[test]
+fn circles_are_taken_only_where_there_is_a_mirror_or_a_fisheye() {
+    let Some(data) = shared("data") else {
+        return;
+    };
+    let judge = |name: &str| {
+        let picture = read_picture(&data.join(name)).unwrap();
+        PhotographCalibration::default().circle(&picture)
+    };
+    let mirrors = ["room", "roof", "lamp", "house"].map(|n| format!("mirrorball/{n}.jpg"));
+    let lit = ["01", "04", "08"].map(|n| format!("chrome_ball_lights/Image_{n}.JPG"));
+    let fisheyes = ["ocam_fisheye1/Fisheye1_4.jpg", "ocam_lobby/img0.jpg"];
+    let spheres = mirrors.iter().chain(&lit);
+    let spheres = spheres.map(|name| (name.clone(), PhotographKind::Sphere));
+    let fisheyes = fisheyes.map(|name| (format!("fisheye/{name}"), PhotographKind::Fisheye));
+    for (name, kind) in spheres.chain(fisheyes) {
+        let found = judge(&format!("probes-fisheye/{name}")).unwrap();
+        println!("{name}: {found:?}");
+        assert_eq!(found.kind, kind, "{name}");
+    }
+    for name in [
+        "colorchecker/arcu/color_checker_05.jpg",
+        "colorchecker/macduff/below_fishbox.jpg",
+        "models/torii/textures/Torii_base_baseColor.jpeg",
+        "calibration/opencv_stereo_chess/right07.jpg",
+        "calibration/apriltag_imgs/tag36_11_00001.png",
+        "calibration/aruco_photos/singlemarkersoriginal.jpg",
+    ] {
+        let refused = judge(name).unwrap_err().to_string();
+        println!("{name}: {refused}");
+        assert!(refused.contains("--calibration FILE"), "{name}: {refused}");
+    }
+}
+
 /// The sun over Fehmarn, 54.4947° N 11.2408° E (Astronomical Almanac's low-precision
 /// formula, 0.01°), as a vector east, north, up.
 fn sun(day_of_september: f64, utc_hours: f64) -> Vec3 {
@@ -158,7 +197,7 @@ fn lens_matches_observed_track_of_sun() {
     let EnvironmentView::Fisheye {
         lens,
         world_from_camera,
-    } = all_sky_camera().view(&black).unwrap()
+    } = view(&all_sky_camera(), &black)
     else {
         panic!()
     };
@@ -233,11 +272,9 @@ fn rejects_calibration_with_unknown_key_by_name() {
         height: 64,
         rgba: vec![99; 4 * 64 * 64],
     };
-    let wrong = PhotographCalibration::read(&path)
-        .unwrap()
-        .view(&grey)
-        .unwrap_err()
-        .to_string();
+    let calibration = PhotographCalibration::read(&path).unwrap();
+    let circle = calibration.circle(&grey).unwrap();
+    let wrong = calibration.view(&grey, &circle).unwrap_err().to_string();
     assert!(wrong.contains("field_of_view_degrees"), "{wrong}");
 }
 
@@ -261,7 +298,13 @@ fn grey_sphere_gives_grey_environment() {
     let json: serde_json::Value = serde_json::from_str(&text).unwrap();
     let up = json["irradiance"]["plus_z"][0].as_f64().unwrap();
     assert!((up / (PI * 0.502_886) - 1.0).abs() < 1e-3, "{up}");
-    for file in ["environment.exr", "environment.png", "lights.png"] {
+    assert_eq!(json["photograph"]["radius"], 30.0);
+    for file in [
+        "environment.exr",
+        "environment.png",
+        "lights.png",
+        "found.png",
+    ] {
         assert!(folder.path().join(file).metadata().unwrap().len() > 100);
     }
 }
