@@ -122,20 +122,16 @@ fn describe(report: &LightReport) -> String {
             );
         }
     }
-    let (azimuth, elevation) = angles(report.dominant_direction);
+    let d = report.dominant_direction;
     let _ = write!(
         text,
-        "dominant light at azimuth {azimuth:.1}°, elevation {elevation:.1}°; {} dome lights, {} clipped pixels",
+        "dominant light at azimuth {:.1}°, elevation {:.1}°; {} dome lights, {} clipped pixels",
+        d.y.atan2(d.x).to_degrees(),
+        d.z.clamp(-1.0, 1.0).asin().to_degrees(),
         report.lighting.lights.len(),
         report.clipped_pixels
     );
     text
-}
-
-/// Returns azimuth and elevation of a direction, degrees.
-fn angles(d: glam::Vec3) -> (f32, f32) {
-    let elevation = d.z.clamp(-1.0, 1.0).asin();
-    (d.y.atan2(d.x).to_degrees(), elevation.to_degrees())
 }
 
 fn describe_circle(found: &SurroundingsCircle) -> String {
