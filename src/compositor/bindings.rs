@@ -1,5 +1,6 @@
 //! Short forms of wgpu's bind groups and pipelines.
 
+use super::compiled::{Device, Shader};
 use super::textures::format;
 use wgpu::{BindGroupLayoutEntry, BindingType, ShaderStages};
 
@@ -266,8 +267,20 @@ impl CachedGroup {
     }
 }
 
-/// Compiles a compute shader; the pipeline is named after its entry point.
+/// Compiles a compute shader, unless that was done before; the pipeline is named after its entry
+/// point.
 pub fn compute_pipeline(
+    device: &Device,
+    shader: &Shader,
+    groups: &[&wgpu::BindGroupLayout],
+    entry: &str,
+) -> wgpu::ComputePipeline {
+    device.compute_pipeline(shader, entry.to_owned(), |module| {
+        compile_compute(device, module, groups, entry)
+    })
+}
+
+fn compile_compute(
     device: &wgpu::Device,
     module: &wgpu::ShaderModule,
     groups: &[&wgpu::BindGroupLayout],
@@ -318,7 +331,7 @@ impl DepthTest {
 /// The properties in which the compositor's render pipelines differ.
 pub struct PipelineSpec<'a> {
     pub label: &'a str,
-    pub module: &'a wgpu::ShaderModule,
+    pub shader: &'a Shader,
     pub groups: &'a [&'a wgpu::BindGroupLayout],
     pub vertex: &'a str,
     pub buffers: &'a [wgpu::VertexBufferLayout<'a>],
@@ -332,8 +345,21 @@ pub struct PipelineSpec<'a> {
 }
 
 impl PipelineSpec<'_> {
-    /// Compiles the pipeline.
-    pub fn build(&self, device: &wgpu::Device) -> wgpu::RenderPipeline {
+    /// Compiles the pipeline, unless that was done before.
+    pub fn build(&self, device: &Device) -> wgpu::RenderPipeline {
+        device.render_pipeline(self.shader, self.key(), |module| {
+            self.compile(device, module)
+        })
+    }
+
+    /// All but the shader. Layouts of groups follow from the shader and its entries.
+    fn key(&self) -> String {
+        let entries = (self.vertex, self.fragment, self.buffers);
+        let output = (self.targets, self.colours, self.depth);
+        format!("{entries:?} {output:?} {:?} {}", self.cull, self.samples)
+    }
+
+    fn compile(&self, device: &wgpu::Device, module: &wgpu::ShaderModule) -> wgpu::RenderPipeline {
         let groups: Vec<_> = self.groups.iter().map(|g| Some(*g)).collect();
         let layout = device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
             label: Some(self.label),
@@ -352,7 +378,7 @@ impl PipelineSpec<'_> {
             label: Some(self.label),
             layout: Some(&layout),
             vertex: wgpu::VertexState {
-                module: self.module,
+                module,
                 entry_point: Some(self.vertex),
                 compilation_options: wgpu::PipelineCompilationOptions::default(),
                 buffers: &self.buffers.iter().cloned().map(Some).collect::<Vec<_>>(),
@@ -373,7 +399,7 @@ impl PipelineSpec<'_> {
                 ..Default::default()
             },
             fragment: self.fragment.map(|entry| wgpu::FragmentState {
-                module: self.module,
+                module,
                 entry_point: Some(entry),
                 compilation_options: wgpu::PipelineCompilationOptions::default(),
                 targets: &targets,

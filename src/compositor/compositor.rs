@@ -15,7 +15,7 @@ use super::reflections::ReflectionsStage;
 use super::reproject::ReprojectStage;
 use super::response_table::ResponseTable;
 use super::scene_buffers::{SceneBuffers, SceneLayouts};
-use super::scene_upload::{NewestLight, SceneUploader, UploadedScene};
+use super::scene_upload::{NewestLight, NewestVariant, SceneUploader, UploadedScene};
 use super::settings::CompositorSettings;
 use super::shaders::Variant;
 use super::shadow_slots::ShadowSlots;
@@ -52,7 +52,10 @@ pub struct Compositor {
     // The passes, and the variant of the shaders for which they are compiled.
     pub(crate) variant: Variant,
     pub(crate) layouts: SceneLayouts,
-    pub(crate) pipelines: Pipelines,
+    /// Compiled by the first frame of a variant.
+    pub(crate) pipelines: Option<Pipelines>,
+    /// The variant, for uploaders.
+    pub(crate) newest_variant: NewestVariant,
     pub(crate) exposure: ExposureStage,
     pub(crate) planes: Option<Box<PlanesStage>>,
     pub(crate) look: CameraLook,
@@ -90,7 +93,7 @@ pub struct Compositor {
 }
 
 impl Compositor {
-    /// Compiles all passes for a camera with the given `response`.
+    /// A compositor for a camera with the given `response`. The first frame compiles the passes.
     #[must_use]
     pub fn new(gpu: Gpu, mut settings: CompositorSettings, response: Response) -> Self {
         settings.light_budget = settings.light_budget.clamp(1, gpu.max_lights());
@@ -111,7 +114,8 @@ impl Compositor {
             lens_output: LensOutput::Camera,
             lens: None,
             variant,
-            pipelines: Pipelines::new(device, &light_maps.frame_layout, &layouts, variant),
+            pipelines: None,
+            newest_variant: NewestVariant::default(),
             exposure: ExposureStage::default(),
             planes: None,
             look: CameraLook::default(),
@@ -152,6 +156,8 @@ impl Compositor {
         SceneUploader {
             gpu: self.gpu.clone(),
             layouts: self.layouts.clone(),
+            frame_layout: self.light_maps.frame_layout.clone(),
+            variant: self.newest_variant.clone(),
             cache: self.settings.cached.then_some(CacheOptions {
                 pages: self.settings.cache_pages,
                 map_size: self.settings.map_size() as usize,
@@ -159,6 +165,25 @@ impl Compositor {
             }),
             light: self.newest_light.clone(),
         }
+    }
+
+    /// Compiles the passes for the scene that is shown and for a camera with `vignetting` and a
+    /// `rolling_shutter`, so that the first frame does not have to.
+    pub fn compile(&mut self, vignetting: bool, rolling_shutter: bool) {
+        self.variant = Variant {
+            phong: self.variant.phong || self.scene.has_phong,
+            nearby: self.variant.nearby || self.reflections.is_active(),
+            rolling_shutter: self.variant.rolling_shutter || rolling_shutter,
+            vignetting: self.variant.vignetting || vignetting,
+            ..self.variant
+        };
+        self.pipelines = Some(self.compiled());
+    }
+
+    /// The passes for the variant.
+    pub(crate) fn compiled(&self) -> Pipelines {
+        let frame = &self.light_maps.frame_layout;
+        Pipelines::new(&self.gpu.device, frame, &self.layouts, self.variant)
     }
 
     /// Replaces the scene by one that was uploaded before.

@@ -3,6 +3,7 @@
 
 use super::cover::{Corners, corners};
 use super::mesh_buffers::{index_buffer, placed_indices};
+use crate::compiled::Device;
 use glam::{DMat3, DMat4};
 use penumbra_scene::{Part, coarser};
 
@@ -30,7 +31,7 @@ pub struct Details {
 
 impl Details {
     /// Uploads the part's triangles and, with `coarse`, coarser levels.
-    pub fn new(device: &wgpu::Device, part: &Part, coarse: bool) -> Self {
+    pub fn new(device: &Device, part: &Part, coarse: bool) -> Self {
         let level = |indices: &[u32], error_m| Level {
             indices: index_buffer(device, &placed_indices(part, indices)),
             count: indices.len() as u32,

@@ -5,6 +5,7 @@ use super::bindings::group_of;
 use super::cover::Corners;
 use super::gpu_data::VirtualPartUniform;
 use super::mesh_buffers::{index_buffer, vertex_buffer};
+use crate::compiled::Device;
 use glam::{Mat4, Vec3, Vec4};
 use penumbra_scene::VirtualLight;
 use penumbra_scene::photometric::{luminance, mean_colour};
@@ -41,7 +42,7 @@ pub struct Emitters {
 impl Emitters {
     /// Uploads the visible ones of `lamps`; `bind` makes the bindings of a material.
     pub fn new(
-        device: &wgpu::Device,
+        device: &Device,
         part: &wgpu::BindGroupLayout,
         lamps: &[VirtualLight],
         bind: impl Fn(&Material) -> wgpu::BindGroup,

@@ -50,13 +50,14 @@ impl Compositor {
         plan: &FramePlan,
         pictures: &SizedResources,
     ) -> FrameTexture {
+        let mut passes = self.pipelines.take().unwrap_or_else(|| self.compiled());
         let r = &mut Recorder {
             device: &self.gpu.device,
             encoder,
             timer: &mut self.timer,
         };
         self.cover.set_drawn();
-        let p = &mut self.pipelines;
+        let p = &mut passes;
         let (frame, scene) = (&self.light_maps.frame_group, &self.scene);
         let (codes, output) = (&self.response_table, &pictures.output);
 
@@ -126,7 +127,9 @@ impl Compositor {
 
         // The light that virtual lights add, measured for the exposure of later frames.
         self.exposure.record_meter(r, real, light);
-        finished.clone()
+        let finished = finished.clone();
+        self.pipelines = Some(passes);
+        finished
     }
 
     /// The buffer into which finished pictures of `size` are copied.

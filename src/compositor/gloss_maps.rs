@@ -3,11 +3,12 @@
 
 use super::gpu_data::CompactSourcesUniform;
 use super::texels::{half_texel, write_level};
+use crate::compiled::Device;
 use half::f16;
 use penumbra_lighting::box_chain::box_level;
 use penumbra_lighting::lobes::{Family, Levels};
 use penumbra_lighting::{CubeMap, Filtering};
-use std::sync::LazyLock;
+use std::sync::{Arc, LazyLock, Mutex, PoisonError};
 
 /// Columns of the table: n·v.
 const COLUMNS: u32 = 32;
@@ -36,7 +37,7 @@ pub struct Cube {
 }
 
 impl Cube {
-    fn new(device: &wgpu::Device, size: u32, levels: u32) -> Self {
+    fn new(device: &Device, size: u32, levels: u32) -> Self {
         let texture = device.create_texture(&wgpu::TextureDescriptor {
             label: Some("radiance"),
             size: wgpu::Extent3d {
@@ -65,7 +66,7 @@ impl Cube {
 
 impl GlossMaps {
     /// Black maps, until the first upload.
-    pub fn new(device: &wgpu::Device) -> Self {
+    pub fn new(device: &Device) -> Self {
         let table_texture = device.create_texture(&wgpu::TextureDescriptor {
             label: Some("gloss table"),
             size: wgpu::Extent3d {
@@ -103,13 +104,7 @@ impl GlossMaps {
 
     /// Uploads a map. Where `phong` is requested of a map that was not filtered for it yet, GGX
     /// lobes of the same widths take its place.
-    pub fn write(
-        &mut self,
-        device: &wgpu::Device,
-        queue: &wgpu::Queue,
-        map: &CubeMap,
-        phong: bool,
-    ) {
+    pub fn write(&mut self, device: &Device, queue: &wgpu::Queue, map: &CubeMap, phong: bool) {
         let levels = map.levels.len().max(1) as u32;
         if !self.ggx.fits(map.size, levels) {
             self.ggx = Cube::new(device, map.size, levels);
@@ -146,30 +141,12 @@ impl GlossMaps {
         }
     }
 
-    fn write_table(&mut self, queue: &wgpu::Queue, (filtering, size, levels): Tabled) {
-        self.texels.clear();
-        for (family, responses) in FAMILIES.iter().zip(RESPONSES.iter()) {
-            let ladder = Levels::new(*family, size, levels);
-            for (i, response) in responses.iter().enumerate() {
-                let [scale, bias, tilt, width] = *response;
-                let row = parameter(i as u32 / COLUMNS);
-                let entry = match (filtering, family) {
-                    (Filtering::Prefiltered, _) => [scale, bias, tilt, ladder.level(width)],
-                    (Filtering::Box, Family::Ggx) => {
-                        [scale, bias, 0.0, box_level(*family, row, size, levels)]
-                    }
-                    // Supan 2006 multiplies the map by the colour of the material alone.
-                    (Filtering::Box, Family::Phong) => {
-                        [1.0, 0.0, 0.0, box_level(*family, row, size, levels)]
-                    }
-                };
-                self.texels.push(entry.map(f16::from_f32));
-            }
-        }
+    fn write_table(&self, queue: &wgpu::Queue, wanted: Tabled) {
+        let texels = table(wanted);
         let rows = ROWS * FAMILIES.len() as u32;
         queue.write_texture(
             self.table_texture.as_image_copy(),
-            bytemuck::cast_slice(&self.texels),
+            bytemuck::cast_slice(&texels),
             wgpu::TexelCopyBufferLayout {
                 offset: 0,
                 bytes_per_row: Some(8 * COLUMNS),
@@ -180,7 +157,48 @@ impl GlossMaps {
     }
 }
 
+/// Filtering, texels along a side and levels of a map.
 type Tabled = (Filtering, u32, usize);
+type Table = Arc<Vec<[f16; 4]>>;
+
+/// The table for a map. Kept, because it takes tens of milliseconds and rigs have few kinds of maps.
+fn table(wanted: Tabled) -> Table {
+    const MAX_TABLES: usize = 16;
+    static TABLES: Mutex<Vec<(Tabled, Table)>> = Mutex::new(Vec::new());
+    let mut tables = TABLES.lock().unwrap_or_else(PoisonError::into_inner);
+    if let Some((_, known)) = tables.iter().find(|(of, _)| *of == wanted) {
+        return Arc::clone(known);
+    }
+    let table = Arc::new(computed_table(wanted));
+    if tables.len() == MAX_TABLES {
+        tables.remove(0);
+    }
+    tables.push((wanted, Arc::clone(&table)));
+    table
+}
+
+fn computed_table((filtering, size, levels): Tabled) -> Vec<[f16; 4]> {
+    let mut texels = Vec::with_capacity((COLUMNS * ROWS) as usize * FAMILIES.len());
+    for (family, responses) in FAMILIES.iter().zip(RESPONSES.iter()) {
+        let ladder = Levels::new(*family, size, levels);
+        for (i, response) in responses.iter().enumerate() {
+            let [scale, bias, tilt, width] = *response;
+            let row = parameter(i as u32 / COLUMNS);
+            let entry = match (filtering, family) {
+                (Filtering::Prefiltered, _) => [scale, bias, tilt, ladder.level(width)],
+                (Filtering::Box, Family::Ggx) => {
+                    [scale, bias, 0.0, box_level(*family, row, size, levels)]
+                }
+                // Supan 2006 multiplies the map by the colour of the material alone.
+                (Filtering::Box, Family::Phong) => {
+                    [1.0, 0.0, 0.0, box_level(*family, row, size, levels)]
+                }
+            };
+            texels.push(entry.map(f16::from_f32));
+        }
+    }
+    texels
+}
 
 /// The parameter at the middle of a row.
 fn parameter(row: u32) -> f32 {

@@ -1,5 +1,6 @@
 //! The graphics adapter and device: selection, features, errors.
 
+use super::compiled::Device;
 use super::requirements::{required_limits, shortfalls};
 use super::shaders::MAX_LIGHTS;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -52,7 +53,7 @@ pub struct Gpu {
     /// The physical device.
     pub adapter: wgpu::Adapter,
     /// The logical device.
-    pub device: wgpu::Device,
+    pub device: Device,
     /// Its queue.
     pub queue: wgpu::Queue,
     /// Name of the adapter, for messages.
@@ -143,6 +144,10 @@ impl Gpu {
     pub fn instance() -> wgpu::Instance {
         let mut description = wgpu::InstanceDescriptor::new_without_display_handle();
         description.backends = BACKENDS;
+        // Lines of the shaders' text in what drivers compile, which takes a debug build longer than
+        // to translate them. WGPU_DEBUG=1 brings them back.
+        description.flags.remove(wgpu::InstanceFlags::DEBUG);
+        description.flags = description.flags.with_env();
         // The sizes of indirect dispatches come from our own shaders, which respect the limits; the
         // check of each takes longer than the work that it starts.
         description
@@ -207,7 +212,7 @@ impl Gpu {
             fault: watch(&device),
             instance: instance.clone(),
             adapter,
-            device,
+            device: Device::new(device),
             queue,
             name: info.name,
             software,

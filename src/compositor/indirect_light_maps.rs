@@ -2,6 +2,7 @@
 //! each other.
 
 use super::texels::half_texel;
+use crate::compiled::Device;
 use half::f16;
 use penumbra_scene::IndirectLight;
 use penumbra_scene::indirect_light::{GRID_SIDE, GROUND_SIDE, SurfaceIrradiance, VOLUME_SIZE};
@@ -19,7 +20,7 @@ pub struct IndirectLightMaps {
 }
 
 impl IndirectLightMaps {
-    pub fn new(device: &wgpu::Device) -> Self {
+    pub fn new(device: &Device) -> Self {
         let [nx, ny, nz] = VOLUME_SIZE;
         let ground = texture(
             device,
@@ -89,7 +90,7 @@ impl IndirectLightMaps {
 }
 
 fn texture(
-    device: &wgpu::Device,
+    device: &Device,
     dimension: wgpu::TextureDimension,
     [width, height, depth]: [u32; 3],
 ) -> wgpu::Texture {

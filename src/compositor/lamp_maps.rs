@@ -6,6 +6,7 @@ use super::lamp_coverage::{Coverage, MAX_VIEWS_EACH, MapAxes, clip, eyes};
 use super::lamp_layers::{Assigned, LampLayers, LampViews};
 use super::lamp_screens::LampScreens;
 use super::textures::format;
+use crate::compiled::Device;
 use glam::{Mat4, Vec3};
 use penumbra_scene::PlacedLamp;
 use penumbra_scene::lamps::MAX_LAMPS;
@@ -41,7 +42,7 @@ pub struct LampMaps {
 
 impl LampMaps {
     /// Creates maps for no lamps.
-    pub fn new(device: &wgpu::Device) -> Self {
+    pub fn new(device: &Device) -> Self {
         let buffer = |size: usize| {
             device.create_buffer(&wgpu::BufferDescriptor {
                 label: Some("lamps"),
@@ -77,7 +78,7 @@ impl LampMaps {
     /// replaced and must be bound again.
     pub fn write(
         &mut self,
-        device: &wgpu::Device,
+        device: &Device,
         queue: &wgpu::Queue,
         (lamps, screens): (&[PlacedLamp], &LampScreens),
         (hull, generation): (&CasterHull, u64),
@@ -115,7 +116,7 @@ impl LampMaps {
 
     /// Allocates the maps again if `needed` layers do not fit. The layers of removed lamps are
     /// kept.
-    fn fit(&mut self, device: &wgpu::Device, needed: usize, wanted: u32) -> bool {
+    fn fit(&mut self, device: &Device, needed: usize, wanted: u32) -> bool {
         let layers = needed.max(if self.size > 1 { self.layers.len() } else { 0 });
         let size = size_of_layers(layers, wanted);
         if needed == 0 || (layers == self.layers.len() && size == self.size) {
@@ -221,11 +222,7 @@ fn lamp_uniform(lamp: &PlacedLamp, views: &[MapAxes], layer: usize, size: u32) -
     }
 }
 
-fn maps(
-    device: &wgpu::Device,
-    size: u32,
-    layers: u32,
-) -> (wgpu::TextureView, Vec<wgpu::TextureView>) {
+fn maps(device: &Device, size: u32, layers: u32) -> (wgpu::TextureView, Vec<wgpu::TextureView>) {
     let texture = device.create_texture(&wgpu::TextureDescriptor {
         label: Some("lamp maps"),
         size: wgpu::Extent3d {

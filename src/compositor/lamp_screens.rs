@@ -2,6 +2,7 @@
 
 use super::texels::{half_texel, write_level};
 use super::textures::format;
+use crate::compiled::Device;
 use glam::Vec3;
 use penumbra_camera::linear_from_srgb;
 use penumbra_scene::SceneTexture;
@@ -20,7 +21,7 @@ pub struct LampScreens {
 
 impl LampScreens {
     /// Uploads the pictures of a scene's `lamps`.
-    pub fn new(device: &wgpu::Device, queue: &wgpu::Queue, lamps: &[VirtualLight]) -> Self {
+    pub fn new(device: &Device, queue: &wgpu::Queue, lamps: &[VirtualLight]) -> Self {
         let texture_of = |lamp: &VirtualLight| lamp.screen.as_ref()?.texture.clone();
         let mut all = vec![vec![Vec3::ONE; (SIDE * SIDE) as usize]];
         let layers = lamps.iter().map(|lamp| match texture_of(lamp) {
@@ -88,11 +89,7 @@ fn halved(level: &[Vec3], side: u32) -> Vec<Vec3> {
         .collect()
 }
 
-fn upload(
-    device: &wgpu::Device,
-    queue: &wgpu::Queue,
-    mut layers: Vec<Vec<Vec3>>,
-) -> wgpu::TextureView {
+fn upload(device: &Device, queue: &wgpu::Queue, mut layers: Vec<Vec<Vec3>>) -> wgpu::TextureView {
     let texture = device.create_texture(&wgpu::TextureDescriptor {
         label: Some("lamp screens"),
         size: wgpu::Extent3d {

@@ -8,6 +8,7 @@
 //! no such stage.
 
 use super::bindings::{CachedGroup, PipelineSpec, Slot, group, layout, view};
+use super::compiled::{Device, Shader};
 use super::passes::shadow_buffer::Surfaces;
 use super::recorder::Recorder;
 use super::response_table::RealPicture;
@@ -71,7 +72,7 @@ struct Distort {
 impl LensStage {
     /// The stage of `camera`, or `None` if it has no distortion.
     pub fn new(
-        gpu: (&wgpu::Device, &wgpu::Queue),
+        gpu: (&Device, &wgpu::Queue),
         camera: &PinholeCamera,
         (output, coverage): (LensOutput, bool),
         variant: Variant,
@@ -87,7 +88,7 @@ impl LensStage {
             },
         };
         let (device, _) = gpu;
-        let module = shaders::module(device, "lens", variant);
+        let shader = shaders::shader("lens", variant);
         let uploaded = U::COPY_DST | U::TEXTURE_BINDING;
         let size = (camera.width, camera.height);
         let raw = FrameTexture::new(device, "distorted camera", size, format::CAMERA, uploaded);
@@ -98,14 +99,14 @@ impl LensStage {
         let inputs = layout(device, "undistort", &slots);
         let bound = [view(&raw.view), view(&positions.view)];
         let bound = group(device, "undistort", &inputs, &bound);
-        let pipeline = pipeline(device, &module, &[&inputs], "undistorted");
+        let pipeline = pipeline(device, &shader, &[&inputs], "undistorted");
         let distort = (output == LensOutput::Camera).then(|| {
             let position = |pixel| undistorted_position(camera, &undistorted, pixel);
             let positions = upload(gpu, camera, position);
             let bound = [view(&raw.view), view(&positions.view)];
             let bound = group(device, "distort camera", &inputs, &bound);
             let positions = (&inputs, bound, positions);
-            Distort::new(device, &module, positions, (size, variant), coverage)
+            Distort::new(device, &shader, positions, (size, variant), coverage)
         });
         Some(Self {
             camera: camera.clone(),
@@ -170,8 +171,8 @@ impl LensStage {
 
 impl Distort {
     fn new(
-        device: &wgpu::Device,
-        module: &wgpu::ShaderModule,
+        device: &Device,
+        shader: &Shader,
         (camera, positions, texture): (&wgpu::BindGroupLayout, wgpu::BindGroup, FrameTexture),
         (size, variant): ((u32, u32), Variant),
         coverage: bool,
@@ -188,7 +189,7 @@ impl Distort {
         };
         Self {
             pipelines: entries
-                .map(|entry| pipeline(device, module, &[camera, &undistorted.layout], entry)),
+                .map(|entry| pipeline(device, shader, &[camera, &undistorted.layout], entry)),
             output: FrameTexture::new(device, "distorted output", size, format::OUTPUT, usage),
             positions,
             position_texture: texture,
@@ -198,14 +199,14 @@ impl Distort {
 }
 
 fn pipeline(
-    device: &wgpu::Device,
-    module: &wgpu::ShaderModule,
+    device: &Device,
+    shader: &Shader,
     groups: &[&wgpu::BindGroupLayout],
     entry: &str,
 ) -> wgpu::RenderPipeline {
     PipelineSpec {
         label: entry,
-        module,
+        shader,
         groups,
         vertex: "cover",
         buffers: &[],
@@ -221,7 +222,7 @@ fn pipeline(
 
 /// A texture of `camera`'s size that holds the result of `position` for each pixel.
 fn upload(
-    (device, queue): (&wgpu::Device, &wgpu::Queue),
+    (device, queue): (&Device, &wgpu::Queue),
     camera: &PinholeCamera,
     position: impl Fn(DVec2) -> [f32; 2],
 ) -> FrameTexture {
@@ -302,7 +303,7 @@ fn probes(camera: &PinholeCamera) -> impl Iterator<Item = DVec2> {
 
 /// A texture of the direction, on the plane z = 1, that each pixel of a camera shows.
 pub(super) fn direction_texture(
-    gpu: (&wgpu::Device, &wgpu::Queue),
+    gpu: (&Device, &wgpu::Queue),
     camera: &PinholeCamera,
 ) -> FrameTexture {
     upload(gpu, camera, |pixel| {

@@ -36,6 +36,7 @@
 
 mod bindings;
 mod caster_hull;
+mod compiled;
 mod compositor;
 mod cover;
 mod detail;
@@ -81,6 +82,7 @@ mod texels;
 mod textures;
 pub mod timing;
 
+pub use compiled::Device;
 pub use compositor::Compositor;
 pub use exposure::Exposure;
 pub use frame_input::{FrameInput, LightSpan};

@@ -12,6 +12,7 @@ use super::shaders::MAX_LIGHTS;
 use super::surface_light::CacheTextures;
 use super::texels::{half_texel, write_level};
 use super::textures::format;
+use crate::compiled::Device;
 use glam::Vec3;
 use half::f16;
 use penumbra_scene::{IndirectLight, PlacedLamp};
@@ -59,7 +60,7 @@ pub struct LightMaps {
 
 impl LightMaps {
     /// Allocates buffers for `budget` lights.
-    pub fn new(device: &wgpu::Device, budget: u32) -> Self {
+    pub fn new(device: &Device, budget: u32) -> Self {
         let frame_layout = layout(device, "frame", &FRAME_SLOTS);
         let buffer = |size: usize, usage| {
             device.create_buffer(&wgpu::BufferDescriptor {
@@ -149,7 +150,7 @@ impl LightMaps {
     /// Uploads the virtual lights of this frame; see [`LampMaps::write`].
     pub fn write_lamps(
         &mut self,
-        device: &wgpu::Device,
+        device: &Device,
         queue: &wgpu::Queue,
         lamps: (&[PlacedLamp], &LampScreens),
         casters: (&CasterHull, u64),
@@ -161,24 +162,24 @@ impl LightMaps {
     }
 
     /// Binds the pictures of the scene's area lamps.
-    pub fn bind_screens(&mut self, device: &wgpu::Device, screens: &LampScreens) {
+    pub fn bind_screens(&mut self, device: &Device, screens: &LampScreens) {
         self.screens = screens.view.clone();
         self.lamps.forget_uniform();
         self.regroup(device);
     }
 
     /// Binds the surface cache.
-    pub fn bind_cache(&mut self, device: &wgpu::Device, cache: CacheTextures) {
+    pub fn bind_cache(&mut self, device: &Device, cache: CacheTextures) {
         self.cache = cache;
         self.regroup(device);
     }
 
     /// The surface cache's textures, for another set of light maps.
-    pub fn take_cache(&mut self, device: &wgpu::Device) -> CacheTextures {
+    pub fn take_cache(&mut self, device: &Device) -> CacheTextures {
         std::mem::replace(&mut self.cache, CacheTextures::none(device))
     }
 
-    fn regroup(&mut self, device: &wgpu::Device) {
+    fn regroup(&mut self, device: &Device) {
         let parts = FrameParts {
             buffers: [&self.frame, &self.lights],
             tables: &self.tables,
@@ -209,7 +210,7 @@ struct FrameParts<'a> {
 }
 
 /// Creates a placeholder for the pictures of area lamps before there is a scene.
-fn no_screens(device: &wgpu::Device) -> wgpu::TextureView {
+fn no_screens(device: &Device) -> wgpu::TextureView {
     let texture = device.create_texture(&wgpu::TextureDescriptor {
         label: Some("no lamp screens"),
         size: wgpu::Extent3d {
@@ -231,7 +232,7 @@ fn no_screens(device: &wgpu::Device) -> wgpu::TextureView {
 }
 
 impl FrameParts<'_> {
-    fn group(&self, device: &wgpu::Device, layout: &wgpu::BindGroupLayout) -> wgpu::BindGroup {
+    fn group(&self, device: &Device, layout: &wgpu::BindGroupLayout) -> wgpu::BindGroup {
         let views = self
             .tables
             .each_ref()
@@ -265,7 +266,7 @@ fn irradiance_on<'a>(n: Vec3, lights: impl Iterator<Item = &'a LightUniform>) ->
         .sum()
 }
 
-fn table(device: &wgpu::Device, label: &str, side: u32) -> wgpu::Texture {
+fn table(device: &Device, label: &str, side: u32) -> wgpu::Texture {
     device.create_texture(&wgpu::TextureDescriptor {
         label: Some(label),
         size: wgpu::Extent3d {

@@ -1,13 +1,14 @@
 //! Materials on the GPU: textures with all their levels, and their bind groups.
 
 use super::bindings::{group, sampler, view};
+use crate::compiled::Device;
 use penumbra_scene::{Material, SceneTexture};
 use std::sync::Arc;
 use wgpu::util::{DeviceExt, TextureDataOrder};
 
 /// Uploads materials.
 pub struct MaterialUploader<'a> {
-    device: &'a wgpu::Device,
+    device: &'a Device,
     queue: &'a wgpu::Queue,
     layout: &'a wgpu::BindGroupLayout,
     sampler: wgpu::Sampler,
@@ -15,7 +16,7 @@ pub struct MaterialUploader<'a> {
 
 impl<'a> MaterialUploader<'a> {
     pub fn new(
-        device: &'a wgpu::Device,
+        device: &'a Device,
         queue: &'a wgpu::Queue,
         layout: &'a wgpu::BindGroupLayout,
     ) -> Self {
@@ -91,7 +92,7 @@ impl<'a> MaterialUploader<'a> {
 }
 
 /// Maximum width and height of a texture on a device, pixels.
-pub fn max_side(device: &wgpu::Device) -> u32 {
+pub fn max_side(device: &Device) -> u32 {
     device.limits().max_texture_dimension_2d
 }
 

@@ -1,5 +1,6 @@
 //! Indexed triangles on the GPU.
 
+use crate::compiled::Device;
 use glam::{DMat4, Mat4};
 use penumbra_scene::{Part, Scene};
 use wgpu::util::{BufferInitDescriptor, DeviceExt};
@@ -12,7 +13,7 @@ pub struct MeshBuffers {
 }
 
 /// Uploads vertices.
-pub fn vertex_buffer(device: &wgpu::Device, contents: &[u8]) -> wgpu::Buffer {
+pub fn vertex_buffer(device: &Device, contents: &[u8]) -> wgpu::Buffer {
     let usage = wgpu::BufferUsages::VERTEX;
     device.create_buffer_init(&BufferInitDescriptor {
         label: Some("vertices"),
@@ -22,7 +23,7 @@ pub fn vertex_buffer(device: &wgpu::Device, contents: &[u8]) -> wgpu::Buffer {
 }
 
 /// Uploads the indices of triangles.
-pub fn index_buffer(device: &wgpu::Device, indices: &[u32]) -> wgpu::Buffer {
+pub fn index_buffer(device: &Device, indices: &[u32]) -> wgpu::Buffer {
     device.create_buffer_init(&BufferInitDescriptor {
         label: Some("indices"),
         contents: bytemuck::cast_slice(indices),

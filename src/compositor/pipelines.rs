@@ -1,5 +1,6 @@
 //! The passes that every frame runs, compiled.
 
+use super::compiled::Device;
 use super::passes::composite::CompositePass;
 use super::passes::edge_tiles::EdgeTilesPass;
 use super::passes::lamp_map::LampMapPass;
@@ -30,7 +31,7 @@ pub struct Pipelines {
 impl Pipelines {
     /// Compiles all passes; `frame` and `scene` are the layouts that they share.
     pub fn new(
-        device: &wgpu::Device,
+        device: &Device,
         frame: &wgpu::BindGroupLayout,
         scene: &SceneLayouts,
         variant: Variant,

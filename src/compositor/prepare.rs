@@ -12,9 +12,9 @@ use super::lens::{LensOutput, LensStage};
 use super::look::LookFit;
 use super::moving::upload;
 use super::passes::exposure::ExposedPictures;
-use super::pipelines::Pipelines;
 use super::reflections::ReflectionTiles;
 use super::reproject::ReprojectStage;
+use super::scene_upload::lock;
 use super::shaders::Variant;
 use super::sized_resources::SizedResources;
 use super::surface_light::mark_tiles;
@@ -154,8 +154,8 @@ impl Compositor {
         self.reproject = Some(stage);
     }
 
-    /// Compiles the shaders again when the first virtual light, area lamp, Phong lobe, rolling
-    /// shutter or vignetting appears.
+    /// Has the shaders compiled again when the first virtual light, area lamp, Phong lobe, rolling
+    /// shutter or vignetting appears. What a scene brings, its uploader has compiled.
     fn fit_variant(&mut self, input: &FrameInput<'_>) {
         let known = self.variant;
         let variant = Variant {
@@ -167,13 +167,13 @@ impl Compositor {
             nearby: known.nearby | self.reflections.is_active(),
             ..known
         };
-        if variant == known {
+        if self.pipelines.is_some() && variant == known {
             return;
         }
+        *lock(&self.newest_variant) = Some(variant);
         self.variant = variant;
         self.exposure.forget_pipelines();
-        let frame = &self.light_maps.frame_layout;
-        self.pipelines = Pipelines::new(&self.gpu.device, frame, &self.layouts, variant);
+        self.pipelines = None;
     }
 
     /// Allocates the pictures of a frame when their size has changed.

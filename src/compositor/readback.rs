@@ -1,6 +1,7 @@
 //! Copies the finished picture into memory.
 
 use super::gpu::{Gpu, GpuError};
+use crate::compiled::Device;
 use penumbra_picture::Picture;
 
 /// A buffer into which pictures of one size are copied.
@@ -14,7 +15,7 @@ pub struct Readback {
 impl Readback {
     /// Allocates the buffer for pictures of `width` × `height` pixels.
     #[must_use]
-    pub fn new(device: &wgpu::Device, (width, height): (u32, u32)) -> Self {
+    pub fn new(device: &Device, (width, height): (u32, u32)) -> Self {
         let row = (4 * width).next_multiple_of(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT);
         let buffer = device.create_buffer(&wgpu::BufferDescriptor {
             label: Some("readback"),

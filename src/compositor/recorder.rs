@@ -1,10 +1,11 @@
 //! The context in which passes record their commands into a frame.
 
+use super::compiled::Device;
 use super::timing::Timer;
 
 /// The command encoder of a frame, the device that makes bind groups, and the timer of passes.
 pub struct Recorder<'a> {
-    pub device: &'a wgpu::Device,
+    pub device: &'a Device,
     pub encoder: &'a mut wgpu::CommandEncoder,
     pub timer: &'a mut Timer,
 }

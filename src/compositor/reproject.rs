@@ -12,6 +12,7 @@ use super::lens::{direction_texture, reach};
 use super::recorder::Recorder;
 use super::shaders::{self, Variant};
 use super::textures::{FrameTexture, format};
+use crate::compiled::Device;
 use glam::{DMat3, DVec3};
 use penumbra_camera::PinholeCamera;
 use penumbra_interface::RigidTransform;
@@ -51,14 +52,14 @@ pub(super) struct ReprojectStage {
 
 impl ReprojectStage {
     /// The stage for finished pictures with the size and the distortion of `camera`.
-    pub fn new(gpu: (&wgpu::Device, &wgpu::Queue), camera: PinholeCamera) -> Self {
+    pub fn new(gpu: (&Device, &wgpu::Queue), camera: PinholeCamera) -> Self {
         let (device, _) = gpu;
-        let module = shaders::module(device, "reproject", Variant::PLAIN);
+        let shader = shaders::shader("reproject", Variant::PLAIN);
         let f = Slot::Unfilterable;
         let inputs = CachedGroup::from_slots(device, "reproject", &[f, f, Slot::Uniform]);
         let pipeline = PipelineSpec {
             label: "reproject",
-            module: &module,
+            shader: &shader,
             groups: &[&inputs.layout],
             vertex: "cover",
             buffers: &[],

@@ -1,6 +1,7 @@
 //! The camera's response curve on the GPU.
 
 use super::textures::FrameTexture;
+use crate::compiled::Device;
 use penumbra_camera::Response;
 
 /// Entries of the table of the inverse response.
@@ -14,7 +15,7 @@ pub struct ResponseTable {
 
 impl ResponseTable {
     /// Uploads the table of `response`.
-    pub fn new(device: &wgpu::Device, queue: &wgpu::Queue, response: &Response) -> Self {
+    pub fn new(device: &Device, queue: &wgpu::Queue, response: &Response) -> Self {
         let buffer = device.create_buffer(&wgpu::BufferDescriptor {
             label: Some("response table"),
             size: 4 * u64::from(256 + ENCODING),

@@ -10,6 +10,7 @@ use super::mesh_buffers::{
     MeshBuffers, index_buffer, is_ground, matrices, placed_indices, vertex_buffer,
 };
 use super::moving::{CASTER_SHIFT, CasterPlaces, MovingPart};
+use crate::compiled::Device;
 use glam::{DMat4, Vec3};
 use penumbra_lighting::lobes::phong_parameter;
 use penumbra_scene::still_and_moving;
@@ -101,7 +102,7 @@ pub struct SceneLayouts {
 }
 
 impl SceneLayouts {
-    pub fn new(device: &wgpu::Device) -> Self {
+    pub fn new(device: &Device) -> Self {
         let t = Slot::Texture;
         Self {
             part: layout(device, "part", &[Slot::UniformOf]),
@@ -115,7 +116,7 @@ impl SceneBuffers {
     /// Uploads `scene`. `casters` are its virtual parts as they cast shadows (simplified or the
     /// parts themselves); `cache` holds their light.
     pub fn upload(
-        device: &wgpu::Device,
+        device: &Device,
         queue: &wgpu::Queue,
         layouts: &SceneLayouts,
         scene: &Scene,
@@ -219,7 +220,7 @@ impl SceneBuffers {
 }
 
 /// Creates the moving parts at their initial placements.
-fn moving(device: &wgpu::Device, scene: &Scene, casters: &[Part]) -> Vec<MovingPart> {
+fn moving(device: &Device, scene: &Scene, casters: &[Part]) -> Vec<MovingPart> {
     let movers = scene.motions.parts.iter().filter_map(|mover| {
         let part = scene.virtual_parts.get(mover.index)?;
         Some((mover, part, casters.get(mover.index)?))
@@ -236,7 +237,7 @@ fn moving(device: &wgpu::Device, scene: &Scene, casters: &[Part]) -> Vec<MovingP
         .collect()
 }
 
-fn merge<'a>(device: &wgpu::Device, parts: impl IntoIterator<Item = &'a Part>) -> Casters {
+fn merge<'a>(device: &Device, parts: impl IntoIterator<Item = &'a Part>) -> Casters {
     let mut positions: Vec<[f32; 3]> = Vec::new();
     let mut indices: Vec<u32> = Vec::new();
     for part in parts {
@@ -295,7 +296,7 @@ fn phantom_uniform(part: &Part) -> PhantomPartUniform {
 }
 
 fn buffer<T: bytemuck::Pod>(
-    device: &wgpu::Device,
+    device: &Device,
     usage: wgpu::BufferUsages,
     parts: &[T],
 ) -> wgpu::Buffer {
@@ -309,7 +310,7 @@ fn buffer<T: bytemuck::Pod>(
 }
 
 fn storage<T: bytemuck::Pod>(
-    device: &wgpu::Device,
+    device: &Device,
     layout: &wgpu::BindGroupLayout,
     parts: &[T],
 ) -> (wgpu::Buffer, wgpu::BindGroup) {

@@ -3,21 +3,29 @@
 use super::caster_hull::CasterHull;
 use super::cover::Corners;
 use super::gpu::Gpu;
+use super::pipelines::Pipelines;
 use super::reflections::NearbyScene;
 use super::scene_buffers::{SceneBuffers, SceneLayouts};
+use super::shaders::Variant;
 use super::surface_light::KeptLight;
-use penumbra_scene::{Part, Scene};
+use crate::compiled::Device;
+use penumbra_scene::{Part, Scene, VirtualLightKind};
 use penumbra_surface_cache::{CacheOptions, SurfaceCache};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// The light of the newest picture; `None` before the first.
 pub(crate) type NewestLight = Arc<Mutex<Option<KeptLight>>>;
+
+/// The variant of the newest picture; `None` before the first.
+pub(crate) type NewestVariant = Arc<Mutex<Option<Variant>>>;
 
 /// Prepares scenes for [`crate::Compositor::show_scene`] of the compositor that returned it.
 #[derive(Clone)]
 pub struct SceneUploader {
     pub(crate) gpu: Gpu,
     pub(crate) layouts: SceneLayouts,
+    pub(crate) frame_layout: wgpu::BindGroupLayout,
+    pub(crate) variant: NewestVariant,
     /// Sizes of the surface cache; `None` without one.
     pub(crate) cache: Option<CacheOptions>,
     /// The light of the newest picture: with it, the cache of a scene is shown at once.
@@ -26,7 +34,7 @@ pub struct SceneUploader {
 
 /// A scene on the device.
 pub struct UploadedScene {
-    device: wgpu::Device,
+    device: Device,
     pub(crate) buffers: SceneBuffers,
     pub(crate) boxes: Vec<Option<Corners>>,
     /// Hulls of static virtual casters and of phantoms.
@@ -49,21 +57,44 @@ impl SceneUploader {
         let details = buffers.virtual_parts.iter().map(|part| &part.details);
         let boxes = details.map(|d| d.corners().copied()).collect();
         let casters = [&buffers.virtual_casters, &buffers.phantom_casters];
+        let nearby = NearbyScene::new(scene);
+        self.compile(scene, nearby.is_some());
         UploadedScene {
             device: device.clone(),
             hulls: casters.map(|c| CasterHull::around(&c.positions)),
             boxes,
             buffers,
             cache,
-            nearby: NearbyScene::new(scene),
+            nearby,
         }
     }
 }
 
 impl SceneUploader {
+    /// Compiles what the first frame with `scene` needs, so that it does not have to.
+    fn compile(&self, scene: &Scene, nearby: bool) {
+        let Some(known) = *lock(&self.variant) else {
+            return;
+        };
+        let variant = Variant {
+            lamps: known.lamps || !scene.lamps.is_empty(),
+            areas: known.areas
+                || scene
+                    .lamps
+                    .iter()
+                    .any(|lamp| matches!(lamp.kind, VirtualLightKind::Area { .. })),
+            phong: known.phong || scene.has_phong(),
+            nearby: known.nearby || nearby,
+            ..known
+        };
+        if variant != known {
+            Pipelines::new(&self.gpu.device, &self.frame_layout, &self.layouts, variant);
+        }
+    }
+
     fn lit_cache(&self, scene: &Scene, casters: &[Part], options: &CacheOptions) -> SurfaceCache {
         let mut cache = SurfaceCache::new(scene, casters, options);
-        let newest = self.light.lock().unwrap_or_else(PoisonError::into_inner);
+        let newest = lock(&self.light);
         if let Some(light) = newest.clone() {
             drop(newest);
             let light = light.light();
@@ -80,4 +111,8 @@ impl UploadedScene {
     pub fn is_on(&self, gpu: &Gpu) -> bool {
         self.device == gpu.device
     }
+}
+
+pub(crate) fn lock<T>(shared: &Mutex<T>) -> MutexGuard<'_, T> {
+    shared.lock().unwrap_or_else(PoisonError::into_inner)
 }

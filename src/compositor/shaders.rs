@@ -1,5 +1,6 @@
 //! The text of shaders: the file of a pass after the library files that it uses.
 
+use super::compiled::Shader;
 use super::lamp_maps::MAX_VIEWS;
 use super::look::{CELL, MAX_TAPS, grain};
 use super::planes::options::MAX_SOURCES;
@@ -7,7 +8,6 @@ use super::response_table::ENCODING;
 use penumbra_lighting::light::MAX_COMPACT_SOURCES;
 use penumbra_lighting::place::MAX_NEAR_LIGHTS;
 use penumbra_scene::lamps::MAX_LAMPS;
-use std::borrow::Cow;
 
 const FRAME: &str = include_str!("shaders/lib/frame.wgsl");
 const NORMAL: &str = include_str!("shaders/lib/normal.wgsl");
@@ -279,12 +279,6 @@ const FRAME_SHADERS: [(&str, &[&str]); 16] = [
     ("luminance", &[include_str!("shaders/luminance.wgsl")]),
 ];
 
-/// The text of every shader of a frame for `variant`, by name.
-#[must_use]
-pub fn all(variant: Variant) -> [(&'static str, String); 16] {
-    FRAME_SHADERS.map(|(name, parts)| (name, for_variant(join(parts), variant)))
-}
-
 fn join(parts: &[&str]) -> String {
     parts
         .join("\n")
@@ -444,9 +438,9 @@ fn for_look(text: String, variant: LookVariant) -> String {
     for_variant(text, frame)
 }
 
-/// The module of the camera's look named `name`.
-pub fn look_module(device: &wgpu::Device, name: &str, variant: LookVariant) -> wgpu::ShaderModule {
-    compiled(device, name, look(variant))
+/// The shader of the camera's look named `name`.
+pub fn look_shader(name: &str, variant: LookVariant) -> Shader {
+    named(name, look(variant))
 }
 
 /// The shaders that bake basis images of `resolution²` texels.
@@ -533,35 +527,32 @@ pub struct Summing {
 const IMAGE_FLAGS: &str = include_str!("shaders/lib/image_flags.wgsl");
 const SUM_PLANES: &str = include_str!("shaders/lib/sum_planes.wgsl");
 
-/// The module named `name`.
-pub fn module(device: &wgpu::Device, name: &str, variant: Variant) -> wgpu::ShaderModule {
-    compiled(device, name, all(variant))
+/// The shader of a frame named `name`.
+pub fn shader(name: &str, variant: Variant) -> Shader {
+    let parts = FRAME_SHADERS.iter().find(|(n, _)| *n == name);
+    let text = parts.map(|(_, parts)| for_variant(join(parts), variant));
+    Shader {
+        label: name.to_owned(),
+        text: text.unwrap_or_default(),
+    }
 }
 
-/// The baking module named `name`.
-pub fn bake_module(device: &wgpu::Device, name: &str, resolution: u32) -> wgpu::ShaderModule {
-    compiled(device, name, baking(resolution))
+/// The baking shader named `name`.
+pub fn bake_shader(name: &str, resolution: u32) -> Shader {
+    named(name, baking(resolution))
 }
 
-/// Compiles one shader from its name and text.
-pub fn one(device: &wgpu::Device, (name, text): (&'static str, String)) -> wgpu::ShaderModule {
-    compiled(device, name, [(name, text)])
+/// A shader from its name and text.
+pub fn one((name, text): (&'static str, String)) -> Shader {
+    named(name, [(name, text)])
 }
 
-fn compiled<const N: usize>(
-    device: &wgpu::Device,
-    name: &str,
-    shaders: [(&'static str, String); N],
-) -> wgpu::ShaderModule {
-    let source = shaders
-        .into_iter()
-        .find(|(n, _)| *n == name)
-        .map(|(_, text)| text)
-        .unwrap_or_default();
-    device.create_shader_module(wgpu::ShaderModuleDescriptor {
-        label: Some(name),
-        source: wgpu::ShaderSource::Wgsl(Cow::Owned(source)),
-    })
+fn named<const N: usize>(name: &str, shaders: [(&'static str, String); N]) -> Shader {
+    let text = shaders.into_iter().find(|(n, _)| *n == name);
+    Shader {
+        label: name.to_owned(),
+        text: text.map(|(_, text)| text).unwrap_or_default(),
+    }
 }
 
 #[cfg(test)]
@@ -570,7 +561,7 @@ mod tests {
     #[test]
     fn every_shader_is_valid_wgsl() {
         for (samples, soft, lamps) in [(1, 1, false), (4, 1, true), (4, 8, true), (4, 2, false)] {
-            let frame = super::all(super::Variant {
+            let variant = super::Variant {
                 samples,
                 soft,
                 lamps,
@@ -581,7 +572,9 @@ mod tests {
                 rolling_shutter: samples > 1,
                 vignetting: samples > 1,
                 nearby: soft > 1,
-            });
+            };
+            let frame =
+                super::FRAME_SHADERS.map(|(name, _)| (name, super::shader(name, variant).text));
             let summing = [true, false];
             let planes = summing.map(|real| {
                 super::summing(super::Summing {

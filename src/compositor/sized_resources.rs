@@ -8,6 +8,7 @@ use super::passes::tiles::TilePictures;
 use super::passes::virtual_geometry::VirtualPictures;
 use super::shaders::Variant;
 use super::textures::{DRAWN, FrameTexture, format, tile_grid};
+use crate::compiled::Device;
 use wgpu::TextureUsages as U;
 
 /// Textures of one picture size, in the order in which a frame draws them.
@@ -40,7 +41,7 @@ pub struct SizedResources {
 
 impl SizedResources {
     /// Allocates textures for pictures of `size` for a `variant` of the shaders.
-    pub fn new(device: &wgpu::Device, size: (u32, u32), variant: Variant) -> Self {
+    pub fn new(device: &Device, size: (u32, u32), variant: Variant) -> Self {
         let picture = |label, format, usage| FrameTexture::new(device, label, size, format, usage);
         let copied = DRAWN | U::COPY_SRC | U::COPY_DST;
         let uploaded = U::COPY_DST | U::TEXTURE_BINDING;

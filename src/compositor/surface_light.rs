@@ -2,6 +2,7 @@
 
 use super::bindings::view;
 use super::textures::format;
+use crate::compiled::Device;
 use glam::{DMat4, DVec2, Vec3};
 use half::f16;
 use penumbra_interface::threads;
@@ -22,7 +23,7 @@ pub const WIDTH: usize = ROW * BORDERED;
 pub struct CacheAtlas([wgpu::Texture; 2]);
 
 impl CacheAtlas {
-    fn new(device: &wgpu::Device, pages: usize) -> Self {
+    fn new(device: &Device, pages: usize) -> Self {
         let size = (WIDTH as u32, (pages.div_ceil(ROW).max(1) * BORDERED) as u32);
         let none = wgpu::TextureUsages::empty();
         Self([(); 2].map(|()| texture(device, size, format::LIGHT, none)))
@@ -54,7 +55,7 @@ pub struct CacheTextures {
 
 impl CacheTextures {
     /// Placeholders without a cache.
-    pub fn none(device: &wgpu::Device) -> Self {
+    pub fn none(device: &Device) -> Self {
         let none = |format| {
             view_of(&texture(
                 device,
@@ -183,7 +184,7 @@ pub struct CachedLight {
 impl CachedLight {
     /// Allocates the atlas of `cache`. `in_background`: updates never keep a frame waiting.
     pub fn new(
-        device: &wgpu::Device,
+        device: &Device,
         queue: &wgpu::Queue,
         cache: SurfaceCache,
         in_background: bool,
@@ -422,7 +423,7 @@ fn rectangle(b: &Bounds, clip_from_world: DMat4, size: (u32, u32)) -> Option<(DV
 }
 
 fn texture(
-    device: &wgpu::Device,
+    device: &Device,
     (width, height): (u32, u32),
     format: wgpu::TextureFormat,
     usage: wgpu::TextureUsages,

@@ -1,5 +1,6 @@
 //! Textures of one picture size, and the formats on which passes and shaders agree.
 
+use crate::compiled::Device;
 use wgpu::{TextureFormat as F, TextureUsages as U};
 
 /// Formats on which passes and textures must agree.
@@ -44,13 +45,13 @@ pub struct FrameTexture {
 
 impl FrameTexture {
     /// Allocates a texture of `size` (width, height) texels with one sample and one level.
-    pub fn new(device: &wgpu::Device, label: &str, size: (u32, u32), format: F, usage: U) -> Self {
+    pub fn new(device: &Device, label: &str, size: (u32, u32), format: F, usage: U) -> Self {
         Self::allocate(device, label, size, format, usage, (1, 1))
     }
 
     /// Allocates a texture with `samples` samples a pixel.
     pub fn multisampled(
-        device: &wgpu::Device,
+        device: &Device,
         label: &str,
         size: (u32, u32),
         format: F,
@@ -61,7 +62,7 @@ impl FrameTexture {
 
     /// Allocates a texture with `levels` mip levels.
     pub fn with_levels(
-        device: &wgpu::Device,
+        device: &Device,
         label: &str,
         size: (u32, u32),
         format: F,
@@ -71,7 +72,7 @@ impl FrameTexture {
     }
 
     fn allocate(
-        device: &wgpu::Device,
+        device: &Device,
         label: &str,
         (width, height): (u32, u32),
         format: F,

@@ -1,5 +1,7 @@
 //! The time that each pass takes on the device.
 
+use crate::compiled::Device;
+
 /// Maximum number of passes that are timed in one frame.
 const SPANS: u32 = 16;
 
@@ -18,7 +20,7 @@ struct Queries {
 
 impl Timer {
     /// Creates a timer; `enabled` if the device has time-stamp queries.
-    pub fn new(device: &wgpu::Device, queue: &wgpu::Queue, enabled: bool) -> Self {
+    pub fn new(device: &Device, queue: &wgpu::Queue, enabled: bool) -> Self {
         let buffer = |usage| {
             device.create_buffer(&wgpu::BufferDescriptor {
                 label: Some("time stamps"),
@@ -98,7 +100,7 @@ impl Timer {
 
     /// Milliseconds of each span of the finished frame, in order; empty on devices without
     /// time-stamp queries. Waits for the device.
-    pub fn read(&self, device: &wgpu::Device) -> Vec<(&'static str, f64)> {
+    pub fn read(&self, device: &Device) -> Vec<(&'static str, f64)> {
         let Some(q) = &self.queries else {
             return Vec::new();
         };

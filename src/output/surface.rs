@@ -36,7 +36,7 @@ pub(super) struct SurfaceScreen {
     surface: wgpu::Surface<'static>,
     window: Arc<Window>,
     state: Arc<WindowState>,
-    device: wgpu::Device,
+    device: penumbra_compositor::Device,
     pass: PresentPass,
     format: TextureFormat,
     mode: PresentMode,

@@ -139,6 +139,8 @@ impl Run {
         let config = &context.config;
         let mut compositor = compositor(context, gpu, outputs.folder.is_some());
         let scenes = Scenes::new(context, &mut compositor, scene_updates)?;
+        let vignetting = context.setup.calibration.scene_camera.vignetting;
+        compositor.compile(vignetting.is_some(), config.registration.row_seconds != 0.0);
         let Outputs {
             screen,
             folder,

@@ -18,6 +18,7 @@ use penumbra_output::files::FrameFolder;
 use penumbra_status::SharedStatus;
 use penumbra_tracker_serial::freed::FreedSender;
 use std::net::SocketAddr;
+use std::panic::resume_unwind;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
@@ -79,13 +80,34 @@ impl Runner {
             scene_updates: scene_updates.clone(),
             display_latency: display_latency.clone(),
         };
-        let preparation = Preparation::start_with(
-            &context.setup,
-            &context.config,
-            &context.source,
-            inputs,
-            context.shutdown.clone(),
-        )?;
+        let outputs = Outputs {
+            screen,
+            folder,
+            pose_out,
+            poses,
+            display_latency,
+        };
+        // Tables of the light and the compositor's passes and scene take about as long.
+        let (preparation, mut run) = std::thread::scope(|scope| {
+            let start = || {
+                Preparation::start_with(
+                    &context.setup,
+                    &context.config,
+                    &context.source,
+                    inputs,
+                    context.shutdown.clone(),
+                )
+            };
+            let starting = std::thread::Builder::new()
+                .name("prepare".to_owned())
+                .spawn_scoped(scope, start)
+                .map_err(|source| RigError::Thread { source })?;
+            let run = Run::new(context, gpu.clone(), outputs, scene_updates)?;
+            let preparation = starting
+                .join()
+                .unwrap_or_else(|panic| resume_unwind(panic))?;
+            Ok::<_, RigError>((preparation, run))
+        })?;
         // The devices are opened only when the preparation can take their deliveries.
         if let Source::Live(live) = &context.source {
             live.open()?;
@@ -100,14 +122,6 @@ impl Runner {
             (&gpu, context.config.picture.quality),
         );
         let mut notifier = Notifier::new();
-        let outputs = Outputs {
-            screen,
-            folder,
-            pose_out,
-            poses,
-            display_latency,
-        };
-        let mut run = Run::new(context, gpu, outputs, scene_updates)?;
         while !run.is_over(context) {
             if run.hold(context)? {
                 notifier.turn(|| status_line(context));

@@ -6,6 +6,7 @@ mod area_lamps;
 mod auto_exposure;
 mod baking;
 mod comparison;
+mod compiled;
 mod exposure;
 mod exposure_by_paper;
 mod gloss;

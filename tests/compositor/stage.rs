@@ -157,6 +157,10 @@ impl Stage {
         } else {
             gpu()
         };
+        self.compositor_on(gpu)
+    }
+
+    pub fn compositor_on(&self, gpu: Gpu) -> Compositor {
         let mut compositor = Compositor::new(gpu, self.settings.clone(), self.response.clone());
         compositor.set_scene(&self.scene, &casters(&self.scene));
         compositor

@@ -3,6 +3,7 @@
 //! reproducible.
 
 use super::super::bindings::{CachedGroup, Slot, compute_layout, compute_pipeline, group, view};
+use super::super::compiled::Device;
 use super::super::gpu::Gpu;
 use super::super::passes::shadow_buffer::SurfaceLight;
 use super::super::recorder::Recorder;
@@ -45,9 +46,9 @@ struct PendingMeasurement {
 }
 
 impl Meter {
-    pub fn new(device: &wgpu::Device) -> Self {
+    pub fn new(device: &Device) -> Self {
         let [_, _, text] = shaders::exposing(&constants());
-        let module = one(device, text);
+        let shader = one(text);
         let own_layout = compute_layout(
             device,
             "exposure meter",
@@ -69,7 +70,7 @@ impl Meter {
         let sums = buffer("metered", BYTES, Usage::STORAGE | Usage::COPY_SRC);
         let bound = [uniform.as_entire_binding(), sums.as_entire_binding()];
         Self {
-            pipeline: compute_pipeline(device, &module, &layouts, "measure"),
+            pipeline: compute_pipeline(device, &shader, &layouts, "measure"),
             own: group(device, "exposure meter", &own_layout, &bound),
             slots: std::array::from_fn(|_| PendingMeasurement {
                 buffer: buffer("metered", BYTES, Usage::COPY_DST | Usage::MAP_READ),

@@ -1,5 +1,6 @@
 //! The exposure as a step of the frame: chooses it, compiles and records its passes.
 
+use super::super::compiled::Device;
 use super::super::frame_input::FrameInput;
 use super::super::gpu::Gpu;
 use super::super::passes::composite::CompositePass;
@@ -117,12 +118,7 @@ impl ExposureStage {
 
     /// Compiles the passes if they are needed now or, for an automatic exposure, soon: compiling
     /// takes longer than a frame.
-    pub fn compile(
-        &mut self,
-        device: &wgpu::Device,
-        frame: &wgpu::BindGroupLayout,
-        variant: Variant,
-    ) {
+    pub fn compile(&mut self, device: &Device, frame: &wgpu::BindGroupLayout, variant: Variant) {
         let needed = self.is_changed() || self.follower.is_some();
         if !needed || self.passes.is_some() {
             return;

@@ -11,6 +11,7 @@ use super::super::shaders::LookVariant;
 use super::super::textures::FrameTexture;
 use super::blur_field::{BlurField, BlurredBox};
 use super::stage::{LookInputs, LookStage};
+use crate::compiled::Device;
 use penumbra_camera::PinholeCamera;
 
 /// The camera's look between frames. Empty until a frame asks for one.
@@ -46,7 +47,7 @@ impl CameraLook {
     /// that of the exposure.
     pub fn prepare(
         &mut self,
-        gpu: (&wgpu::Device, &wgpu::Queue),
+        gpu: (&Device, &wgpu::Queue),
         (camera, fit, factor): (&PinholeCamera, LookFit, f32),
         input: &FrameInput<'_>,
         (boxes, moving, ground): Parts<'_>,

@@ -1,6 +1,7 @@
 //! The passes of the look. Nothing is compiled or allocated before a frame asks for a look.
 
 use super::super::bindings::{CachedGroup, DepthTest, PipelineSpec, Slot, sampler, view};
+use super::super::compiled::Device;
 use super::super::recorder::{Recorder, bind_all, cleared, colour, depth};
 use super::super::response_table::ResponseTable;
 use super::super::shaders::{self, LookVariant};
@@ -70,7 +71,7 @@ pub struct LookInputs<'a> {
 }
 
 impl Passes {
-    fn new(device: &wgpu::Device, variant: LookVariant) -> Self {
+    fn new(device: &Device, variant: LookVariant) -> Self {
         let (f, i) = (Slot::Unfilterable, Slot::Integer);
         let (packed, _) = Slot::sampled(variant.samples);
         let group = |label, slots: &[Slot]| CachedGroup::from_slots(device, label, slots);
@@ -108,7 +109,7 @@ impl Passes {
 }
 
 impl Pictures {
-    fn new(device: &wgpu::Device, size: (u32, u32), cells: (u32, u32)) -> Self {
+    fn new(device: &Device, size: (u32, u32), cells: (u32, u32)) -> Self {
         let picture =
             |label, size, format, usage| FrameTexture::new(device, label, size, format, usage);
         let layer = |label| picture(label, size, format::LIGHT, DRAWN);
@@ -131,7 +132,7 @@ impl Pictures {
 impl LookStage {
     /// Compiles the passes for pictures of `size`; `cells` is the size of the blur field.
     pub fn new(
-        (device, queue): (&wgpu::Device, &wgpu::Queue),
+        (device, queue): (&Device, &wgpu::Queue),
         size: (u32, u32),
         cells: (u32, u32),
         variant: LookVariant,
@@ -171,7 +172,7 @@ impl LookStage {
     /// that of the exposure.
     pub fn upload(
         &mut self,
-        (device, queue): (&wgpu::Device, &wgpu::Queue),
+        (device, queue): (&Device, &wgpu::Queue),
         look: &Look,
         (field, extent): (&BlurField, f64),
         factor: f32,
@@ -290,7 +291,7 @@ impl LookStage {
 }
 
 impl Passes {
-    fn compile_blur(&mut self, device: &wgpu::Device, k: usize, variant: LookVariant) {
+    fn compile_blur(&mut self, device: &Device, k: usize, variant: LookVariant) {
         let (pipelines, inputs) = &mut self.blur;
         let groups = [&self.shared, inputs];
         let (_, taps) = TAPS[k];
@@ -384,7 +385,7 @@ fn draw_kinds(
 }
 
 fn pipeline(
-    device: &wgpu::Device,
+    device: &Device,
     entry: &str,
     groups: &[&CachedGroup],
     targets: &[wgpu::TextureFormat],
@@ -397,7 +398,7 @@ fn pipeline(
         other => other,
     };
     let name = format!("look_{file}");
-    let module = shaders::look_module(device, &name, variant);
+    let shader = shaders::look_shader(&name, variant);
     let layouts: Vec<_> = groups.iter().map(|g| &g.layout).collect();
     let vertex = match entry {
         "mark" => "cover".to_owned(),
@@ -412,7 +413,7 @@ fn pipeline(
     };
     PipelineSpec {
         label: &name,
-        module: &module,
+        shader: &shader,
         groups: &layouts,
         vertex: &vertex,
         buffers: &[],

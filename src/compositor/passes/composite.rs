@@ -1,6 +1,7 @@
 //! Composes the picture: the real picture with its shadows, and the shaded virtual surfaces.
 
 use super::super::bindings::{CachedGroup, DepthTest, PipelineSpec, Slot, sampler, view};
+use super::super::compiled::Device;
 use super::super::gloss_maps::GlossMaps;
 use super::super::recorder::{Recorder, bind_all, cleared_depth, colour};
 use super::super::response_table::RealPicture;
@@ -53,8 +54,8 @@ pub struct CompositeInputs<'a> {
 }
 
 impl CompositePass {
-    pub fn new(device: &wgpu::Device, frame: &wgpu::BindGroupLayout, variant: Variant) -> Self {
-        let module = shaders::module(device, "composite", variant);
+    pub fn new(device: &Device, frame: &wgpu::BindGroupLayout, variant: Variant) -> Self {
+        let shader = shaders::shader("composite", variant);
         let (u, i) = (Slot::Unfilterable, Slot::Integer);
         let (packed, depth) = Slot::sampled(variant.samples);
         let slots = [u, Slot::Uniform, u, i, i, i, i, u, i];
@@ -66,7 +67,7 @@ impl CompositePass {
         let build = |vertex: &str, fragment: &str, compare, write| {
             PipelineSpec {
                 label: "composite",
-                module: &module,
+                shader: &shader,
                 groups: &[frame, &picture.layout, &surfaces.layout, &light.layout],
                 vertex,
                 buffers: &[],
@@ -144,11 +145,7 @@ impl CompositePass {
         output
     }
 
-    fn groups(
-        &mut self,
-        device: &wgpu::Device,
-        inputs: &CompositeInputs<'_>,
-    ) -> [wgpu::BindGroup; 3] {
+    fn groups(&mut self, device: &Device, inputs: &CompositeInputs<'_>) -> [wgpu::BindGroup; 3] {
         let Surfaces {
             virtual_surfaces,
             tiles,

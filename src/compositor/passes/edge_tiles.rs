@@ -1,6 +1,7 @@
 //! Finds the tiles in which edges of the real scene matter.
 
 use super::super::bindings::{CachedGroup, PipelineSpec, Slot, view};
+use super::super::compiled::Device;
 use super::super::recorder::{Recorder, bind_all, cleared};
 use super::super::shaders::{self, Variant};
 use super::super::textures::{FrameTexture, format};
@@ -13,12 +14,12 @@ pub struct EdgeTilesPass {
 }
 
 impl EdgeTilesPass {
-    pub fn new(device: &wgpu::Device, frame: &wgpu::BindGroupLayout, variant: Variant) -> Self {
+    pub fn new(device: &Device, frame: &wgpu::BindGroupLayout, variant: Variant) -> Self {
         let slots = [Slot::Unfilterable, Slot::Integer, Slot::Integer];
         let inputs = CachedGroup::from_slots(device, "edge tiles", &slots);
         let pipeline = PipelineSpec {
             label: "edge_tiles",
-            module: &shaders::module(device, "edge_tiles", variant),
+            shader: &shaders::shader("edge_tiles", variant),
             groups: &[frame, &inputs.layout],
             vertex: "cover",
             buffers: &[],

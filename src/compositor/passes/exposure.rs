@@ -3,6 +3,7 @@
 use super::super::bindings::{
     CachedGroup, PipelineSpec, Slot, compute_layout, compute_pipeline, layout, sampler, view,
 };
+use super::super::compiled::Device;
 use super::super::exposure::region::{BLOCK, Region, constants, trust};
 use super::super::recorder::{Recorder, cleared};
 use super::super::response_table::{ENCODING, ResponseTable};
@@ -61,7 +62,7 @@ pub struct ExposedPictures {
 
 impl ExposedPictures {
     /// For pictures of `size` pixels.
-    pub fn new(device: &wgpu::Device, size: (u32, u32)) -> Self {
+    pub fn new(device: &Device, size: (u32, u32)) -> Self {
         let blocks = coarse_size(size, BLOCK);
         let storage = |label, bytes: u64| {
             device.create_buffer(&wgpu::BufferDescriptor {
@@ -90,9 +91,9 @@ impl ExposedPictures {
 }
 
 impl ExposurePass {
-    pub fn new(device: &wgpu::Device) -> Self {
+    pub fn new(device: &Device) -> Self {
         let [table, picture, _] = shaders::exposing(&constants());
-        let module = shaders::one(device, table);
+        let shader = shaders::one(table);
         let (u, w) = (Slot::Uniform, Slot::StorageWritten);
         let picture_slots = [Slot::Unfilterable, u];
         let around_slots = [u, Slot::Storage, Slot::Texture, Slot::Sampler];
@@ -108,12 +109,12 @@ impl ExposurePass {
         .map(|layout| CachedGroup::new("exposure", layout));
         let groups = [&summing[0].layout, &summing[1].layout];
         let table = ["sum_blocks", "scan_rows", "scan_columns", "region_means"]
-            .map(|entry| compute_pipeline(device, &module, &groups, entry));
-        let module = shaders::one(device, picture);
+            .map(|entry| compute_pipeline(device, &shader, &groups, entry));
+        let shader = shaders::one(picture);
         let build = |vertex, fragment| {
             PipelineSpec {
                 label: "exposure",
-                module: &module,
+                shader: &shader,
                 groups: &[&drawing[0].layout, &drawing[1].layout],
                 vertex,
                 buffers: &[],

@@ -1,6 +1,7 @@
 //! Draws all casters into the shadow maps of the virtual lights that have moved.
 
 use super::super::bindings::{CachedGroup, DepthTest, POSITION_LAYOUT, PipelineSpec, Slot};
+use super::super::compiled::Device;
 use super::super::lamp_maps::LampMaps;
 use super::super::recorder::{Recorder, cleared_depth};
 use super::super::scene_buffers::{SceneBuffers, SceneLayouts, draw_casters};
@@ -13,13 +14,13 @@ pub struct LampMapPass {
 }
 
 impl LampMapPass {
-    pub fn new(device: &wgpu::Device, scene: &SceneLayouts) -> Self {
-        let module = shaders::module(device, "lamp_map", shaders::Variant::PLAIN);
+    pub fn new(device: &Device, scene: &SceneLayouts) -> Self {
+        let shader = shaders::shader("lamp_map", shaders::Variant::PLAIN);
         // Not the group of the frame: that holds the maps that are drawn here.
         let views = CachedGroup::from_slots(device, "lamp views", &[Slot::Uniform]);
         let pipeline = PipelineSpec {
             label: "lamp_map",
-            module: &module,
+            shader: &shader,
             groups: &[&views.layout, &scene.parts],
             vertex: "lamp_caster",
             buffers: &[POSITION_LAYOUT],

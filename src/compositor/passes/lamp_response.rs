@@ -3,6 +3,7 @@
 //! buffer.
 
 use super::super::bindings::{CachedGroup, DepthTest, PipelineSpec, Slot, VERTEX_LAYOUT, view};
+use super::super::compiled::Device;
 use super::super::recorder::{Recorder, cleared};
 use super::super::response_table::RealPicture;
 use super::super::scene_buffers::{SceneBuffers, SceneLayouts};
@@ -18,17 +19,17 @@ pub struct LampResponsePass {
 
 impl LampResponsePass {
     pub fn new(
-        device: &wgpu::Device,
+        device: &Device,
         frame: &wgpu::BindGroupLayout,
         scene: &SceneLayouts,
         variant: Variant,
     ) -> Self {
-        let module = shaders::module(device, "lamp_response", variant);
+        let shader = shaders::shader("lamp_response", variant);
         let slots = [Slot::Unfilterable, Slot::Uniform];
         let picture = CachedGroup::from_slots(device, "lamp response picture", &slots);
         let pipeline = PipelineSpec {
             label: "lamp_response",
-            module: &module,
+            shader: &shader,
             groups: &[frame, &picture.layout, &scene.parts],
             vertex: "phantom_vertex",
             buffers: &[VERTEX_LAYOUT],

@@ -2,6 +2,7 @@
 //! of the picture on them.
 
 use super::super::bindings::{CACHED_VERTEX_LAYOUT, DepthTest, PipelineSpec, VERTEX_LAYOUT};
+use super::super::compiled::Device;
 use super::super::recorder::{Recorder, cleared, cleared_depth, colour};
 use super::super::scene_buffers::{SceneBuffers, SceneLayouts};
 use super::super::shaders;
@@ -26,7 +27,7 @@ pub struct PhantomPictures {
 
 impl PhantomPictures {
     /// `cached`: with places in the surface cache.
-    pub fn new(device: &wgpu::Device, size: (u32, u32), cached: bool) -> Self {
+    pub fn new(device: &Device, size: (u32, u32), cached: bool) -> Self {
         let normal = format::PHANTOM_NORMAL;
         let place = || FrameTexture::new(device, "phantom place", size, format::PLACE, DRAWN);
         Self {
@@ -39,16 +40,16 @@ impl PhantomPictures {
 
 impl PhantomGeometryPass {
     pub fn new(
-        device: &wgpu::Device,
+        device: &Device,
         frame: &wgpu::BindGroupLayout,
         scene: &SceneLayouts,
         variant: shaders::Variant,
     ) -> Self {
-        let module = shaders::module(device, "phantom_geometry", variant);
+        let shader = shaders::shader("phantom_geometry", variant);
         let is_shadowed = variant.shadows_phantoms();
         let pipeline = PipelineSpec {
             label: "phantom_geometry",
-            module: &module,
+            shader: &shader,
             groups: &[frame, &scene.parts],
             vertex: "phantom_vertex",
             buffers: if variant.cached {

@@ -1,6 +1,7 @@
 //! Shows the finished picture on a window surface, as large as it fits.
 
 use super::super::bindings::{PipelineSpec, Slot, group, layout, sampler, view};
+use super::super::compiled::Device;
 use super::super::recorder::cover;
 use super::super::shaders;
 
@@ -15,8 +16,8 @@ pub struct PresentPass {
 
 impl PresentPass {
     /// Compiles the pass for surfaces of `surface_format`.
-    pub fn new(device: &wgpu::Device, surface_format: wgpu::TextureFormat) -> Self {
-        let module = shaders::module(device, "present", shaders::Variant::PLAIN);
+    pub fn new(device: &Device, surface_format: wgpu::TextureFormat) -> Self {
+        let shader = shaders::shader("present", shaders::Variant::PLAIN);
         let layout = layout(
             device,
             "present",
@@ -24,7 +25,7 @@ impl PresentPass {
         );
         let pipeline = PipelineSpec {
             label: "present",
-            module: &module,
+            shader: &shader,
             groups: &[&layout],
             vertex: "cover",
             buffers: &[],
@@ -59,7 +60,7 @@ impl PresentPass {
     /// Records the pass: shows `picture` on `surface`, each with its width and height in pixels.
     pub fn record(
         &self,
-        (device, queue): (&wgpu::Device, &wgpu::Queue),
+        (device, queue): (&Device, &wgpu::Queue),
         encoder: &mut wgpu::CommandEncoder,
         (picture, picture_size): (&wgpu::TextureView, (u32, u32)),
         (surface, surface_size): (&wgpu::TextureView, (u32, u32)),

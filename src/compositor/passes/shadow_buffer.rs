@@ -1,6 +1,7 @@
 //! The shadow buffer, for real and for virtual surfaces.
 
 use super::super::bindings::{CachedGroup, DepthTest, PipelineSpec, Slot, sampler, view};
+use super::super::compiled::Device;
 use super::super::recorder::{Recorder, bind_all, cleared_depth, colour};
 use super::super::shaders::{self, Variant};
 use super::super::textures::{DRAWN, FrameTexture, format, tile_grid};
@@ -48,7 +49,7 @@ pub struct ShadowPictures {
 
 impl ShadowPictures {
     /// For pictures of `size` pixels.
-    pub fn new(device: &wgpu::Device, size: (u32, u32)) -> Self {
+    pub fn new(device: &Device, size: (u32, u32)) -> Self {
         let marks = wgpu::TextureUsages::RENDER_ATTACHMENT;
         Self {
             phantom_shadow: FrameTexture::new(device, "shadow", size, format::LIGHT, DRAWN),
@@ -91,16 +92,16 @@ impl MarkedPasses {
     /// `shader` names the module; `groups` are the layouts of the frame, the shadows and the
     /// surfaces.
     fn new(
-        device: &wgpu::Device,
+        device: &Device,
         shader: &str,
         groups: [&wgpu::BindGroupLayout; 3],
         variant: Variant,
     ) -> Self {
-        let module = shaders::module(device, shader, variant);
+        let text = shaders::shader(shader, variant);
         let build = |vertex: &str, fragment: &str, target, colours, depth| {
             PipelineSpec {
                 label: shader,
-                module: &module,
+                shader: &text,
                 groups: &groups,
                 vertex,
                 buffers: &[],
@@ -185,7 +186,7 @@ impl MarkedPasses {
 }
 
 impl ShadowBufferPass {
-    pub fn new(device: &wgpu::Device, frame: &wgpu::BindGroupLayout, variant: Variant) -> Self {
+    pub fn new(device: &Device, frame: &wgpu::BindGroupLayout, variant: Variant) -> Self {
         let slots = [Slot::DepthArray, Slot::DepthArray, Slot::Comparison];
         let maps = CachedGroup::from_slots(device, "shadow maps", &slots);
         let surfaces = surfaces_group(device, variant);
@@ -211,7 +212,7 @@ impl ShadowBufferPass {
     /// Compiles the same with shadowing planes in place of shadow maps; `sums` is the layout of
     /// what they bind.
     pub fn by_planes(
-        device: &wgpu::Device,
+        device: &Device,
         frame: &wgpu::BindGroupLayout,
         sums: &wgpu::BindGroupLayout,
         variant: Variant,
@@ -268,7 +269,7 @@ impl ShadowBufferPass {
 }
 
 /// The group of the surfaces in the picture.
-fn surfaces_group(device: &wgpu::Device, variant: Variant) -> CachedGroup {
+fn surfaces_group(device: &Device, variant: Variant) -> CachedGroup {
     let (packed, depth) = Slot::sampled(variant.samples);
     let masks = [Slot::Integer; 5];
     let cached: &[Slot] = if variant.cached {

@@ -1,6 +1,7 @@
 //! Draws casters into the shadow maps of the dome lights chosen for this frame.
 
 use super::super::bindings::{DepthTest, POSITION_LAYOUT, PipelineSpec};
+use super::super::compiled::Device;
 use super::super::recorder::{Recorder, bind_all, cleared_depth};
 use super::super::scene_buffers::{SceneBuffers, SceneLayouts, draw_casters};
 use super::super::shaders;
@@ -14,7 +15,7 @@ pub struct ShadowMaps {
 
 impl ShadowMaps {
     /// An array of `lights` square maps of `size` texels a side.
-    fn new(device: &wgpu::Device, label: &str, size: u32, lights: u32) -> Self {
+    fn new(device: &Device, label: &str, size: u32, lights: u32) -> Self {
         let texture = device.create_texture(&wgpu::TextureDescriptor {
             label: Some(label),
             size: wgpu::Extent3d {
@@ -55,7 +56,7 @@ pub struct DomeShadowMaps {
 
 impl DomeShadowMaps {
     /// Two arrays of `lights` square maps of `size` texels a side.
-    pub fn new(device: &wgpu::Device, size: u32, lights: u32) -> Self {
+    pub fn new(device: &Device, size: u32, lights: u32) -> Self {
         let maps = |label| ShadowMaps::new(device, label, size, lights);
         Self {
             virtual_casters: maps("virtual shadow maps"),
@@ -71,12 +72,12 @@ pub struct ShadowMapPass {
 }
 
 impl ShadowMapPass {
-    pub fn new(device: &wgpu::Device, frame: &wgpu::BindGroupLayout, scene: &SceneLayouts) -> Self {
-        let module = shaders::module(device, "shadow_map", shaders::Variant::PLAIN);
+    pub fn new(device: &Device, frame: &wgpu::BindGroupLayout, scene: &SceneLayouts) -> Self {
+        let shader = shaders::shader("shadow_map", shaders::Variant::PLAIN);
         let build = |vertex: &str| {
             PipelineSpec {
                 label: "shadow_map",
-                module: &module,
+                shader: &shader,
                 groups: &[frame, &scene.parts],
                 vertex,
                 buffers: &[POSITION_LAYOUT],

@@ -1,6 +1,7 @@
 //! The shadowed real picture in linear light with its mip levels, which virtual objects reflect.
 
 use super::super::bindings::{CachedGroup, PipelineSpec, Slot, group, layout, view};
+use super::super::compiled::Device;
 use super::super::recorder::{Recorder, cover};
 use super::super::response_table::RealPicture;
 use super::super::shaders::{self, Variant};
@@ -25,7 +26,7 @@ pub struct SurroundingsPictures {
 
 impl SurroundingsPictures {
     /// For pictures of `size` pixels.
-    pub fn new(device: &wgpu::Device, size: (u32, u32)) -> Self {
+    pub fn new(device: &Device, size: (u32, u32)) -> Self {
         let half = coarse_size(size, 2);
         let count = (half.0.max(half.1)).ilog2().clamp(1, 7);
         let all = FrameTexture::with_levels(device, "surroundings", half, format::LIGHT, count);
@@ -47,8 +48,8 @@ impl SurroundingsPictures {
 }
 
 impl SurroundingsPass {
-    pub fn new(device: &wgpu::Device, frame: &wgpu::BindGroupLayout, variant: Variant) -> Self {
-        let module = shaders::module(device, "surroundings", variant);
+    pub fn new(device: &Device, frame: &wgpu::BindGroupLayout, variant: Variant) -> Self {
+        let shader = shaders::shader("surroundings", variant);
         let u = Slot::Unfilterable;
         let slots = [u, Slot::Uniform, u, u];
         let picture = CachedGroup::from_slots(device, "surroundings picture", &slots);
@@ -56,7 +57,7 @@ impl SurroundingsPass {
         let build = |fragment: &str| {
             PipelineSpec {
                 label: "surroundings",
-                module: &module,
+                shader: &shader,
                 groups: &[frame, &picture.layout, &finer_layout],
                 vertex: "cover",
                 buffers: &[],

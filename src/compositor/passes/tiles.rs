@@ -2,6 +2,7 @@
 //! virtual lights that reach them.
 
 use super::super::bindings::{CachedGroup, PipelineSpec, Slot, view};
+use super::super::compiled::Device;
 use super::super::recorder::{Recorder, bind_all, cleared};
 use super::super::shaders::{self, Variant};
 use super::super::textures::{DRAWN, FrameTexture, format, tile_grid};
@@ -31,7 +32,7 @@ pub struct TilePictures {
 
 impl TilePictures {
     /// For pictures of `size` pixels.
-    pub fn new(device: &wgpu::Device, size: (u32, u32)) -> Self {
+    pub fn new(device: &Device, size: (u32, u32)) -> Self {
         // Where light is read from the surface cache, tiles are found on the processor.
         let usage = DRAWN | wgpu::TextureUsages::COPY_DST;
         let picture =
@@ -48,15 +49,15 @@ impl TilePictures {
 }
 
 impl TilesPass {
-    pub fn new(device: &wgpu::Device, frame: &wgpu::BindGroupLayout, variant: Variant) -> Self {
-        let module = shaders::module(device, "tiles", variant);
+    pub fn new(device: &Device, frame: &wgpu::BindGroupLayout, variant: Variant) -> Self {
+        let shader = shaders::shader("tiles", variant);
         let (packed, depth) = Slot::sampled(variant.samples);
         let slots = [Slot::Unfilterable, Slot::Depth, packed, depth];
         let surfaces = CachedGroup::from_slots(device, "tile surfaces", &slots);
         let build = |fragment: &str| {
             PipelineSpec {
                 label: "tiles",
-                module: &module,
+                shader: &shader,
                 groups: &[frame, &surfaces.layout],
                 vertex: "cover",
                 buffers: &[],

@@ -3,6 +3,7 @@
 use super::super::bindings::{
     CACHED_VERTEX_LAYOUT, DepthTest, POSITION_LAYOUT, PipelineSpec, VERTEX_LAYOUT,
 };
+use super::super::compiled::{Device, Shader};
 use super::super::gpu_data::VirtualPartUniform;
 use super::super::recorder::{Recorder, cleared, cleared_depth, colour, depth};
 use super::super::scene_buffers::{SceneBuffers, SceneLayouts};
@@ -30,7 +31,7 @@ pub struct VirtualPictures {
 
 impl VirtualPictures {
     /// `cached`: with places in the surface cache.
-    pub fn new(device: &wgpu::Device, size: (u32, u32), samples: u32, cached: bool) -> Self {
+    pub fn new(device: &Device, size: (u32, u32), samples: u32, cached: bool) -> Self {
         let picture =
             |label, format| FrameTexture::multisampled(device, label, size, format, samples);
         Self {
@@ -43,18 +44,18 @@ impl VirtualPictures {
 
 impl VirtualGeometryPass {
     pub fn new(
-        device: &wgpu::Device,
+        device: &Device,
         frame: &wgpu::BindGroupLayout,
         scene: &SceneLayouts,
         variant: Variant,
     ) -> Self {
-        let module = shaders::module(device, "virtual_geometry", variant);
+        let shader = shaders::shader("virtual_geometry", variant);
         let [first, second] = format::VIRTUAL;
         let targets = [first, second, format::PLACE];
         let build = |cull, [vertex, fragment]: [&str; 2]| {
             PipelineSpec {
                 label: "virtual_geometry",
-                module: &module,
+                shader: &shader,
                 groups: &[frame, &scene.part, &scene.material],
                 vertex,
                 buffers: if variant.cached {
@@ -79,10 +80,10 @@ impl VirtualGeometryPass {
         // draw over the part that may be covered; on a GPU to clear costs nothing.
         let clear = variant
             .cached
-            .then(|| clear(device, &module, frame, variant.samples));
+            .then(|| clear(device, &shader, frame, variant.samples));
         let occluder = PipelineSpec {
             label: "occluder",
-            module: &module,
+            shader: &shader,
             groups: &[frame],
             vertex: "occluder_vertex",
             buffers: &[POSITION_LAYOUT],
@@ -205,14 +206,14 @@ impl VirtualGeometryPass {
 
 /// Compiles the pipeline that draws over what is there: no surface, as far away as can be.
 fn clear(
-    device: &wgpu::Device,
-    module: &wgpu::ShaderModule,
+    device: &Device,
+    shader: &Shader,
     frame: &wgpu::BindGroupLayout,
     samples: u32,
 ) -> wgpu::RenderPipeline {
     PipelineSpec {
         label: "clear",
-        module,
+        shader,
         groups: &[frame],
         vertex: "cover",
         buffers: &[],

@@ -4,6 +4,7 @@ use super::super::bindings::{
     DepthTest, POSITION_LAYOUT, PipelineSpec, Slot, compute_layout, compute_pipeline, group,
     layout, sampler, view,
 };
+use super::super::compiled::Device;
 use super::super::mesh_buffers::MeshBuffers;
 use super::super::recorder::{cleared, cleared_depth};
 use super::super::shaders;
@@ -53,9 +54,9 @@ pub(super) struct BakePasses {
 }
 
 impl BakePasses {
-    pub fn new(device: &wgpu::Device, resolution: u32) -> Self {
+    pub fn new(device: &Device, resolution: u32) -> Self {
         let one = layout(device, "bake", &[Slot::Uniform]);
-        let module = |name| shaders::bake_module(device, name, resolution);
+        let module = |name| shaders::bake_shader(name, resolution);
         let (receiver, map) = (module("bake_receiver"), module("bake_map"));
         let evaluate = compute_layout(
             device,
@@ -75,7 +76,7 @@ impl BakePasses {
         let shader = module("bake_evaluate");
         let spec = PipelineSpec {
             label: "bake_map",
-            module: &map,
+            shader: &map,
             groups: &[&one],
             vertex: "caster_vertex",
             buffers: &[POSITION_LAYOUT],
@@ -89,7 +90,7 @@ impl BakePasses {
         };
         let seen = PipelineSpec {
             label: "bake_receiver",
-            module: &receiver,
+            shader: &receiver,
             vertex: "receiver_vertex",
             buffers: &[RECEIVER_LAYOUT],
             fragment: Some("receiver_fragment"),
@@ -99,7 +100,7 @@ impl BakePasses {
         Self {
             receiver: seen.build(device),
             map: PipelineSpec {
-                module: &map,
+                shader: &map,
                 ..spec
             }
             .build(device),
@@ -120,7 +121,7 @@ impl BakePasses {
     /// Records the picture of `meshes` by a plane's camera.
     pub fn record_receiver(
         &self,
-        device: &wgpu::Device,
+        device: &Device,
         encoder: &mut wgpu::CommandEncoder,
         (colour, depth): (&wgpu::TextureView, &wgpu::TextureView),
         uniform: &wgpu::Buffer,
@@ -148,7 +149,7 @@ impl BakePasses {
     /// Records a shadow map of casters; `uniform` contains its matrix rows.
     pub fn record_map(
         &self,
-        device: &wgpu::Device,
+        device: &Device,
         encoder: &mut wgpu::CommandEncoder,
         map: &wgpu::TextureView,
         uniform: &wgpu::Buffer,
@@ -170,7 +171,7 @@ impl BakePasses {
     /// visibilities, flags.
     pub fn bind(
         &self,
-        device: &wgpu::Device,
+        device: &Device,
         read: [&wgpu::Buffer; 3],
         maps: [&wgpu::TextureView; 2],
         written: [&wgpu::Buffer; 3],
@@ -213,7 +214,7 @@ fn draw(pass: &mut wgpu::RenderPass<'_>, mesh: &MeshBuffers) {
 
 /// Creates a square texture that is rendered to and read.
 pub(super) fn square(
-    device: &wgpu::Device,
+    device: &Device,
     label: &str,
     side: u32,
     format: wgpu::TextureFormat,
@@ -237,6 +238,6 @@ pub(super) fn square(
 }
 
 /// Creates a square depth target.
-pub(super) fn depth_square(device: &wgpu::Device, label: &str, side: u32) -> wgpu::TextureView {
+pub(super) fn depth_square(device: &Device, label: &str, side: u32) -> wgpu::TextureView {
     square(device, label, side, format::DEPTH).create_view(&wgpu::TextureViewDescriptor::default())
 }

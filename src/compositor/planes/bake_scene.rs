@@ -4,6 +4,7 @@
 use super::super::caster_hull::CasterHull;
 use super::super::mesh_buffers::{MeshBuffers, index_buffer, is_ground};
 use super::compute::storage;
+use crate::compiled::Device;
 use bytemuck::{Pod, Zeroable};
 use penumbra_scene::planes::{Layer, Receiver, ShadowingPlane};
 use penumbra_scene::{Part, Scene, casters_within};
@@ -55,7 +56,7 @@ pub(super) struct BakeScene {
 impl BakeScene {
     /// Uploads the scene for shadow maps of `map` texels along a side.
     pub fn new(
-        device: &wgpu::Device,
+        device: &Device,
         queue: &wgpu::Queue,
         scene: &Scene,
         planes: &[ShadowingPlane],
@@ -101,7 +102,7 @@ fn positions(parts: &[Part]) -> Vec<[f32; 3]> {
     parts.iter().flat_map(in_world).collect()
 }
 
-fn casters(device: &wgpu::Device, parts: &[Part]) -> BakeCasters {
+fn casters(device: &Device, parts: &[Part]) -> BakeCasters {
     let positions = positions(parts);
     let mut base = 0;
     let mut indices = Vec::new();
@@ -116,7 +117,7 @@ fn casters(device: &wgpu::Device, parts: &[Part]) -> BakeCasters {
 }
 
 /// Uploads a part with world positions and normals, for the planes' cameras.
-pub(super) fn receiver_mesh(device: &wgpu::Device, part: &Part) -> Option<MeshBuffers> {
+pub(super) fn receiver_mesh(device: &Device, part: &Part) -> Option<MeshBuffers> {
     let normal_from_part = part.world_from_part.inverse().transpose();
     let vertices: Vec<[[f32; 3]; 2]> = part
         .mesh
@@ -134,7 +135,7 @@ pub(super) fn receiver_mesh(device: &wgpu::Device, part: &Part) -> Option<MeshBu
     mesh(device, bytemuck::cast_slice(&vertices), &part.mesh.indices)
 }
 
-fn mesh(device: &wgpu::Device, vertices: &[u8], indices: &[u32]) -> Option<MeshBuffers> {
+fn mesh(device: &Device, vertices: &[u8], indices: &[u32]) -> Option<MeshBuffers> {
     (!indices.is_empty() && !vertices.is_empty()).then(|| MeshBuffers {
         vertices: device.create_buffer_init(&BufferInitDescriptor {
             label: Some("bake"),

@@ -1,8 +1,10 @@
 //! Buffers of compute passes.
 
+use crate::compiled::Device;
+
 /// Creates a buffer of `bytes` bytes (at least 16), zeroed.
 pub(super) fn buffer_of(
-    device: &wgpu::Device,
+    device: &Device,
     label: &str,
     bytes: u64,
     usage: wgpu::BufferUsages,
@@ -17,7 +19,7 @@ pub(super) fn buffer_of(
 
 /// Creates a storage buffer with `contents`, or with zeros if they are empty.
 pub(super) fn storage<T: bytemuck::Pod>(
-    device: &wgpu::Device,
+    device: &Device,
     queue: &wgpu::Queue,
     label: &str,
     contents: &[T],

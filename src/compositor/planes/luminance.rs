@@ -4,9 +4,10 @@
 //! A software driver runs the shader on the processor, where it is several times slower than the
 //! CPU implementation, which has the pixels in its caches. There the CPU implementation is used.
 
+use super::super::compiled::Device;
 use crate::bindings::{Slot, compute_layout, compute_pipeline, group};
 use crate::gpu::Gpu;
-use crate::shaders::{Variant, module};
+use crate::shaders::{self, Variant};
 use crate::timing::Timer;
 use glam::Vec3;
 use penumbra_lighting::geodesic::{FaceLight, Membership, sum_faces_into};
@@ -62,12 +63,12 @@ struct Shaders {
 }
 
 impl Shaders {
-    fn new(device: &wgpu::Device) -> Self {
+    fn new(device: &Device) -> Self {
         let (read, write) = (Slot::Storage, Slot::StorageWritten);
         let slots = [read, read, read, read, read, write, write];
         let layout = compute_layout(device, "luminance", &slots);
-        let module = module(device, "luminance", Variant::PLAIN);
-        let pipeline = |entry| compute_pipeline(device, &module, &[&layout], entry);
+        let shader = shaders::shader("luminance", Variant::PLAIN);
+        let pipeline = |entry| compute_pipeline(device, &shader, &[&layout], entry);
         Self {
             sum_chunk: pipeline("sum_chunk"),
             sum_face: pipeline("sum_face"),
@@ -120,11 +121,11 @@ impl LuminancePass {
     /// Creates the pass with the implementation on the device. Compiles the shaders; buffers are
     /// allocated at the first upload.
     #[must_use]
-    pub fn new(device: &wgpu::Device) -> Self {
+    pub fn new(device: &Device) -> Self {
         Self::with(device, Some(Shaders::new(device)))
     }
 
-    fn with(device: &wgpu::Device, shaders: Option<Shaders>) -> Self {
+    fn with(device: &Device, shaders: Option<Shaders>) -> Self {
         Self {
             shaders,
             buffers: std::array::from_fn(|at| buffer(device, at, 16)),
@@ -145,7 +146,7 @@ impl LuminancePass {
     /// There are more pixels than the device can bind; the previous light is kept.
     pub fn upload(
         &mut self,
-        device: &wgpu::Device,
+        device: &Device,
         queue: &wgpu::Queue,
         light: &FaceLight,
         generation: u64,
@@ -178,7 +179,7 @@ impl LuminancePass {
     }
 
     /// Computes the sums on the CPU and uploads them.
-    fn sum_on_cpu(&mut self, device: &wgpu::Device, queue: &wgpu::Queue, light: &FaceLight) {
+    fn sum_on_cpu(&mut self, device: &Device, queue: &wgpu::Queue, light: &FaceLight) {
         sum_faces_into(light, &mut self.sums);
         let mut rows = std::mem::take(&mut self.rows);
         rows.clear();
@@ -187,7 +188,7 @@ impl LuminancePass {
         self.rows = rows;
     }
 
-    fn upload_table(&mut self, device: &wgpu::Device, queue: &wgpu::Queue, table: &Membership) {
+    fn upload_table(&mut self, device: &Device, queue: &wgpu::Queue, table: &Membership) {
         let tables = std::mem::take(&mut self.tables);
         let row = size_of::<[f32; 4]>();
         self.write(device, queue, CHUNKS, bytemuck::cast_slice(&tables.chunks));
@@ -199,7 +200,7 @@ impl LuminancePass {
         self.tables = tables;
     }
 
-    fn write(&mut self, device: &wgpu::Device, queue: &wgpu::Queue, at: usize, bytes: &[u8]) {
+    fn write(&mut self, device: &Device, queue: &wgpu::Queue, at: usize, bytes: &[u8]) {
         self.reserve(device, at, bytes.len() as u64);
         if !bytes.is_empty() {
             queue.write_buffer(&self.buffers[at], 0, bytes);
@@ -207,7 +208,7 @@ impl LuminancePass {
     }
 
     /// Replaces a buffer that is too small.
-    fn reserve(&mut self, device: &wgpu::Device, at: usize, bytes: u64) {
+    fn reserve(&mut self, device: &Device, at: usize, bytes: u64) {
         if self.buffers[at].size() < bytes {
             self.buffers[at] = buffer(device, at, bytes);
             self.bound = None;
@@ -218,7 +219,7 @@ impl LuminancePass {
     /// The `timer` lists the pass as "luminance".
     pub fn record(
         &mut self,
-        device: &wgpu::Device,
+        device: &Device,
         encoder: &mut wgpu::CommandEncoder,
         timer: &mut Timer,
     ) -> bool {
@@ -263,7 +264,7 @@ impl LuminancePass {
     }
 }
 
-fn buffer(device: &wgpu::Device, at: usize, size: u64) -> wgpu::Buffer {
+fn buffer(device: &Device, at: usize, size: u64) -> wgpu::Buffer {
     device.create_buffer(&wgpu::BufferDescriptor {
         label: Some("luminance"),
         size,

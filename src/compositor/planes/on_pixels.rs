@@ -1,6 +1,7 @@
 //! Shadowing planes on the device: luminances, sums, images of compact sources, and look-ups for
 //! each pixel.
 
+use super::super::compiled::Device;
 use super::super::gpu::{Gpu, GpuError};
 use super::super::passes::shadow_buffer::{MarkedPasses, ShadowBufferPass, ShadowSource};
 use super::super::recorder::Recorder;
@@ -46,12 +47,7 @@ impl PixelPlanes {
 
     /// Compiles the passes that apply planes, unless they are there; `frame` is the layout of a
     /// frame's data.
-    pub fn compile(
-        &mut self,
-        device: &wgpu::Device,
-        frame: &wgpu::BindGroupLayout,
-        variant: Variant,
-    ) {
+    pub fn compile(&mut self, device: &Device, frame: &wgpu::BindGroupLayout, variant: Variant) {
         if self.shown.as_ref().is_none_or(|(v, _)| *v != variant) {
             let sums = &self.passes.shown_layout;
             let passes = ShadowBufferPass::by_planes(device, frame, sums, variant);

@@ -4,6 +4,7 @@
 
 use super::super::bindings::{Slot, compute_layout, compute_pipeline, group, view};
 use super::super::caster_hull::fit;
+use super::super::compiled::Device;
 use super::super::gpu::{Gpu, GpuError};
 use super::super::shaders;
 use super::bake_passes::{BakePasses, Direction, depth_square};
@@ -72,7 +73,7 @@ pub(super) struct Store {
 }
 
 impl Store {
-    fn new(device: &wgpu::Device, side: u32) -> Self {
+    fn new(device: &Device, side: u32) -> Self {
         let written = Slot::StorageWritten;
         let slots = [
             Slot::Uniform,
@@ -83,8 +84,8 @@ impl Store {
             Slot::WrittenCodes,
         ];
         let layout = compute_layout(device, "source images", &slots);
-        let module = shaders::bake_module(device, "bake_source", side);
-        let pipeline = |entry| compute_pipeline(device, &module, &[&layout], entry);
+        let shader = shaders::bake_shader("bake_source", side);
+        let pipeline = |entry| compute_pipeline(device, &shader, &[&layout], entry);
         Self {
             store: pipeline("store"),
             number: pipeline("number"),

@@ -2,6 +2,7 @@
 //! sources, bakes their images, and moves their light out of the faces of the dome.
 
 use super::super::bindings::{Slot, compute_layout, compute_pipeline, group};
+use super::super::compiled::Device;
 use super::super::gpu::Gpu;
 use super::super::shaders;
 use super::compute::buffer_of;
@@ -35,7 +36,7 @@ pub(super) struct SourceStage {
 }
 
 impl SourceStage {
-    pub fn new(device: &wgpu::Device, baker: SourceBaker, targets: &SourceTargets<'_>) -> Self {
+    pub fn new(device: &Device, baker: SourceBaker, targets: &SourceTargets<'_>) -> Self {
         Self {
             output: baker.bind(targets),
             lights: SourceLights::new(device, targets.dome_lights as usize),
@@ -99,7 +100,7 @@ impl SourceStage {
     /// lights and whether they changed.
     pub fn record(
         &mut self,
-        device: &wgpu::Device,
+        device: &Device,
         encoder: &mut wgpu::CommandEncoder,
         sums: &wgpu::Buffer,
         changed: bool,
@@ -125,15 +126,15 @@ struct SourceLights {
 }
 
 impl SourceLights {
-    fn new(device: &wgpu::Device, faces: usize) -> Self {
+    fn new(device: &Device, faces: usize) -> Self {
         let slots = [Slot::Storage, Slot::Storage, Slot::StorageWritten];
         let layout = compute_layout(device, "lights", &slots);
-        let module = shaders::one(device, shaders::lighting());
+        let shader = shaders::one(shaders::lighting());
         let rows = vec![[0.0; 4]; 1 + MAX_SOURCES * faces];
         let buffer =
             |rows: usize, usage| buffer_of(device, "lights", 16 * rows as u64, U::STORAGE | usage);
         Self {
-            assign: compute_pipeline(device, &module, &[&layout], "assign"),
+            assign: compute_pipeline(device, &shader, &[&layout], "assign"),
             layout,
             taken: buffer(rows.len(), U::COPY_DST),
             lights: buffer(faces + SOURCE_LIGHTS, U::COPY_SRC),
@@ -167,7 +168,7 @@ impl SourceLights {
 
     fn record(
         &mut self,
-        device: &wgpu::Device,
+        device: &Device,
         encoder: &mut wgpu::CommandEncoder,
         sums: &wgpu::Buffer,
         changed: bool,

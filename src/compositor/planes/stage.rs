@@ -14,6 +14,7 @@ use super::options::PlanesChoice;
 use super::source_images::SourceBaker;
 use super::synthesis::PlaneWork;
 use super::visible_pages::Viewer;
+use crate::compiled::Device;
 use glam::{DMat4, DVec3, Vec3};
 use penumbra_interface::RigidTransform;
 use penumbra_lighting::geodesic::{FaceLight, GeodesicDome, sum_faces};
@@ -116,7 +117,7 @@ impl PlanesStage {
     /// frame's data.
     pub(super) fn compile(
         &mut self,
-        device: &wgpu::Device,
+        device: &Device,
         frame: &wgpu::BindGroupLayout,
         variant: Variant,
     ) {

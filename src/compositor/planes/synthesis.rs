@@ -2,6 +2,7 @@
 //! The device decides; the host can read afterwards what was done.
 
 use super::super::bindings::{self, Slot, compute_layout, compute_pipeline, sampler, view};
+use super::super::compiled::Device;
 use super::super::gpu::{Gpu, GpuError};
 use super::super::shaders::{self, Summing};
 use super::super::timing::Timer;
@@ -88,7 +89,7 @@ pub struct SynthesisPasses {
 impl SynthesisPasses {
     /// Compiles the pipelines.
     #[must_use]
-    pub fn new(device: &wgpu::Device) -> Self {
+    pub fn new(device: &Device) -> Self {
         let (read, write) = (Slot::Storage, Slot::StorageWritten);
         let layers = Slot::WrittenLayers;
         let slots = [
@@ -110,10 +111,10 @@ impl SynthesisPasses {
         let slots = [Slot::UniformOf, Slot::UniformOf];
         let plane_layout = compute_layout(device, "plane", &slots);
         let slots = [Slot::Storage, Slot::Layers, Slot::Layers, Slot::Sampler];
-        let module = shaders::one(device, shaders::planning());
+        let shader = shaders::one(shaders::planning());
         Self {
-            plan: compute_pipeline(device, &module, &[&plan_layout], "plan"),
-            sum_by_normal: compute_pipeline(device, &module, &[&plan_layout], "asum_by_normal"),
+            plan: compute_pipeline(device, &shader, &[&plan_layout], "plan"),
+            sum_by_normal: compute_pipeline(device, &shader, &[&plan_layout], "asum_by_normal"),
             shown_layout: bindings::layout(device, "shown planes", &slots),
             plan_layout,
             sum_layout,
@@ -128,11 +129,11 @@ impl SynthesisPasses {
     }
 
     /// Creates the pipelines that sum on planes of the real layer and of the virtual layer.
-    fn sums(&self, device: &wgpu::Device, layers: [Summing; 2]) -> [wgpu::ComputePipeline; 2] {
+    fn sums(&self, device: &Device, layers: [Summing; 2]) -> [wgpu::ComputePipeline; 2] {
         layers.map(|layer| {
-            let module = shaders::one(device, shaders::summing(layer));
+            let shader = shaders::one(shaders::summing(layer));
             let groups = [&self.sum_layout, &self.plane_layout];
-            compute_pipeline(device, &module, &groups, "sum")
+            compute_pipeline(device, &shader, &groups, "sum")
         })
     }
 }
@@ -174,7 +175,7 @@ struct Buffers {
 impl Buffers {
     /// Creates the buffers of a bake with `added` more lights for compact sources.
     fn new(
-        device: &wgpu::Device,
+        device: &Device,
         queue: &wgpu::Queue,
         bake: &Bake,
         (settings, added): (Settings, usize),
@@ -225,7 +226,7 @@ fn settings(bake: &Bake, added: usize) -> Settings {
 
 /// Creates the group of one plane: its lights in `work`, and its number.
 fn plane_group(
-    device: &wgpu::Device,
+    device: &Device,
     queue: &wgpu::Queue,
     passes: &SynthesisPasses,
     work: &wgpu::Buffer,
@@ -388,7 +389,7 @@ impl Synthesis {
     /// compact source), and whether any has changed since the last picture.
     pub fn record(
         &mut self,
-        device: &wgpu::Device,
+        device: &Device,
         encoder: &mut wgpu::CommandEncoder,
         timer: &mut Timer,
         passes: &SynthesisPasses,
@@ -501,7 +502,7 @@ fn image_numbers(bake: &Bake, added: usize) -> Vec<[u32; 2]> {
         .collect()
 }
 
-fn uniforms(device: &wgpu::Device, queue: &wgpu::Queue, each: &[[u32; 64]]) -> wgpu::Buffer {
+fn uniforms(device: &Device, queue: &wgpu::Queue, each: &[[u32; 64]]) -> wgpu::Buffer {
     let bytes: &[u8] = bytemuck::cast_slice(each);
     let usage = U::UNIFORM | U::COPY_DST;
     let buffer = buffer_of(device, "numbers", bytes.len() as u64, usage);
@@ -519,7 +520,7 @@ const fn number(image: Image) -> u32 {
 }
 
 /// Creates an array of square textures that compute shaders write.
-fn half_floats(device: &wgpu::Device, side: u32, layers: u32) -> wgpu::TextureView {
+fn half_floats(device: &Device, side: u32, layers: u32) -> wgpu::TextureView {
     let texture = device.create_texture(&wgpu::TextureDescriptor {
         label: Some("shares"),
         size: wgpu::Extent3d {

@@ -7,6 +7,7 @@ use super::bvh::LANES;
 use super::nearby_scene::NearbyScene;
 use super::radiance::{NearbyLight, PointGrid};
 use super::trace::{Nearby, Tracer, View, slopes};
+use crate::compiled::Device;
 use glam::{DMat4, Vec2};
 use half::f16;
 use penumbra_camera::Response;
@@ -25,7 +26,7 @@ type Texel = [u32; 4];
 
 /// The scene, and the picture of what its glossy surfaces mirror.
 pub struct ReflectionsStage {
-    device: wgpu::Device,
+    device: Device,
     scene: Option<NearbyScene>,
     points: PointGrid,
     /// Pixels from one point of the lattice to the next.
@@ -50,7 +51,7 @@ pub struct ReflectionTiles<'a> {
 
 impl ReflectionsStage {
     /// Without a scene; `step` pixels from one point to the next, 1, 2, 4 or 8.
-    pub fn new(device: &wgpu::Device, step: u32) -> Self {
+    pub fn new(device: &Device, step: u32) -> Self {
         Self {
             device: device.clone(),
             scene: None,
@@ -292,7 +293,7 @@ fn upload(queue: &wgpu::Queue, to: &FrameTexture, texels: &[Texel], tiles: Refle
     );
 }
 
-fn picture(device: &wgpu::Device, size: (u32, u32)) -> FrameTexture {
+fn picture(device: &Device, size: (u32, u32)) -> FrameTexture {
     let usage = U::TEXTURE_BINDING | U::COPY_DST;
     FrameTexture::new(device, "nearby", size, format::TILES, usage)
 }
