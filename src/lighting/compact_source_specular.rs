@@ -11,9 +11,9 @@
 //!
 //! where t_k is the mixture of levels that represents the lobe, w_sk the share of source s that
 //! level k leaves out, and Φ_s its irradiance on a surface that faces it. The source's own extent
-//! widens f. The transition between both methods is continuous: w goes from 1 to 0 as the source's
+//! widens f; a lobe much narrower than it shows the disc itself. The transition between both methods is continuous: w goes from 1 to 0 as the source's
 //! radius ρ grows from the lobe's width to two and a half times it, and with its share of all
-//! light.
+//! light. Near sources are left out of all levels, because each point mirrors them elsewhere.
 
 use super::cube::{CubeGrid, sample};
 use super::light::{CompactSourceSpecular, CubeMap, MAX_COMPACT_SOURCES, MAX_LEVELS};
@@ -29,6 +29,17 @@ const SMALL: (f32, f32) = (1.0, 2.5);
 /// Share of all light at which a source is ignored, and fully counted.
 const SHARE: (f32, f32) = (0.005, 0.02);
 
+/// Reciprocal of the distance, 1/m, from which a source is left out of all levels, the map itself
+/// included.
+const NEAR: f32 = 0.4;
+/// Narrowest lobe, as GGX's α; see `lib/gloss.wgsl`.
+const MIRROR: f32 = 0.01;
+/// Share of a disc's radius over which its reflection in a mirror fades at the edge.
+const EDGE: f32 = 0.25;
+/// Ratio of the width of a lobe about the mirror direction to a disc's radius below which the
+/// reflection is the disc, and above which the disc widens the lobe.
+const SHARP: (f32, f32) = (0.25, 0.75);
+
 /// A source among the texels of a map.
 #[derive(Clone, Debug)]
 pub struct Excess {
@@ -38,39 +49,40 @@ pub struct Excess {
     pub parts: Vec<(u32, Vec3)>,
 }
 
-/// Returns the difference of `full` and `without`, assigned to the nearest source of `towards`
-/// (unit vectors); `widths` are those of the map's lobes from level 1 on.
+/// Returns the difference of `full` and `without`, assigned to the nearest of `sources` (unit vectors
+/// towards them, and their places); `widths` are those of the map's lobes from level 1 on.
 #[must_use]
 pub fn excesses(
     grid: &CubeGrid,
     full: &[Vec3],
     without: &[Vec3],
-    towards: &[Vec3],
+    sources: &[(Vec3, LightPlace)],
     widths: &[f32],
 ) -> Vec<Excess> {
-    let towards = &towards[..towards.len().min(MAX_COMPACT_SOURCES)];
-    let mut parts = vec![Vec::new(); towards.len()];
+    let sources = &sources[..sources.len().min(MAX_COMPACT_SOURCES)];
+    let mut parts = vec![Vec::new(); sources.len()];
     let mut total = 0.0;
     for (i, (l, rest)) in full.iter().zip(without).enumerate() {
         total += l.dot(LUMINANCE) * grid.solid_angles[i];
         let above = (*l - *rest).max(Vec3::ZERO);
         if above.max_element() > 1e-3 * l.max_element() {
-            let along = |k: &usize| towards[*k].dot(grid.directions[i]);
-            let nearest = (0..towards.len()).max_by(|a, b| along(a).total_cmp(&along(b)));
+            let along = |k: &usize| sources[*k].0.dot(grid.directions[i]);
+            let nearest = (0..sources.len()).max_by(|a, b| along(a).total_cmp(&along(b)));
             if let Some(k) = nearest {
                 parts[k].push((i as u32, above));
             }
         }
     }
-    let describe = |parts| describe(grid, parts, total, widths);
-    parts.into_iter().filter_map(describe).collect()
+    let each = parts.into_iter().zip(sources);
+    each.filter_map(|(parts, (_, place))| describe(grid, parts, total, (widths, *place)))
+        .collect()
 }
 
 fn describe(
     grid: &CubeGrid,
     parts: Vec<(u32, Vec3)>,
     total: f32,
-    widths: &[f32],
+    (widths, place): (&[f32], LightPlace),
 ) -> Option<Excess> {
     let each = || {
         parts.iter().map(|(i, l)| {
@@ -90,16 +102,19 @@ fn describe(
         .sum();
     let radius = (2.0 * spread / bright).sqrt();
     let counts = smoothstep(SHARE.0, SHARE.1, bright / total.max(f32::MIN_POSITIVE));
-    let mut weights = [0.0; MAX_LEVELS];
+    // A near source moves against what is far as the point does that mirrors it.
+    let near = smoothstep(0.0, NEAR, place.inverse_distance);
+    let mut weights = [counts * near; MAX_LEVELS];
     for (weight, w) in weights[1..].iter_mut().zip(widths) {
-        *weight = counts * (1.0 - smoothstep(SMALL.0, SMALL.1, radius / w));
+        let small = 1.0 - smoothstep(SMALL.0, SMALL.1, radius / w);
+        *weight = counts * small.max(near);
     }
     let source = CompactSourceSpecular {
         direction,
         flux,
         radius,
         weights,
-        place: LightPlace::FAR,
+        place,
     };
     (counts > 0.0 && radius.is_finite()).then_some(Excess { source, parts })
 }
@@ -157,9 +172,21 @@ fn towards(family: Family, parameter: f32, radius: f32, [n, v, l]: [Vec3; 3]) ->
             let d = n_dot_h * n_dot_h * (a2 - 1.0) + 1.0;
             let root = |x: f32| (x * x * (1.0 - a2) + a2).sqrt();
             let masking = 0.5 / (n_dot_l * root(n_dot_v) + n_dot_v * root(n_dot_l));
-            a2 / (PI * d * d) * masking
+            let wide = a2 / (PI * d * d) * masking;
+            let lobe = 2.0 * own.sqrt().max(MIRROR);
+            let sharp = 1.0 - smoothstep(SHARP.0, SHARP.1, lobe / radius.max(1e-6));
+            wide + (mirrored_disc(radius, lobe, [n, v, l]) - wide) * sharp
         }
     }
+}
+
+/// Returns the BRDF that shows a disc in a mirror whose lobe about the mirror direction is `lobe`
+/// wide: its radiance 1/(π(ρ² + s²/5)), faded from 1 at an angle of ρ − s to 0 at ρ + s.
+fn mirrored_disc(radius: f32, lobe: f32, [n, v, l]: [Vec3; 3]) -> f32 {
+    let edge = lobe.max(EDGE * radius);
+    let apart = (n * (2.0 * n.dot(v)) - v).distance(l);
+    let shown = 1.0 - smoothstep(radius - edge, radius + edge, apart);
+    shown / (PI * (radius * radius + 0.2 * edge * edge) * n.dot(l).max(1e-3))
 }
 
 /// A map's levels together with the sources that they leave out, blurred by each level's own lobe:
@@ -181,15 +208,19 @@ impl<'a> CompleteMap<'a> {
             for (lobe, w) in lobes[1..].iter_mut().zip(widths) {
                 *lobe = (w, 1.0 / Family::Ggx.moments(w).0 as f32);
             }
+            // What the map itself leaves out is as sharp as its next level.
+            lobes[0] = lobes[1];
         }
         Self { map, lobes }
     }
 
-    /// Returns the radiance from a direction, blurred by a lobe of approximately this width.
+    /// Returns the radiance from a direction, blurred by a lobe of approximately this `width`; what
+    /// the map's level leaves out by a lobe at least as wide as `least`.
     #[must_use]
-    pub fn blurred(&self, direction: Vec3, width: f32) -> Vec3 {
+    pub fn blurred(&self, direction: Vec3, width: f32, least: f32) -> Vec3 {
         let level = nearest_level(self.map, width);
-        let (w, norm) = self.lobes.get(level).copied().unwrap_or_default();
+        let wide = nearest_level(self.map, width.max(least));
+        let (w, norm) = self.lobes.get(wide).copied().unwrap_or_default();
         let of = |g: &CompactSourceSpecular| {
             let lobe = Family::Ggx.round(w, direction.dot(g.direction)) * norm;
             g.flux * (g.weight(level as f32) * lobe)
@@ -227,7 +258,13 @@ mod tests {
     fn found(radius: f32) -> (CubeMap, Vec<Excess>) {
         let (grid, full, without, towards) = sky(radius);
         let widths = widths(SIZE, level_count(SIZE));
-        let sources = excesses(&grid, &full, &without, &[towards], &widths);
+        let sources = excesses(
+            &grid,
+            &full,
+            &without,
+            &[(towards, LightPlace::FAR)],
+            &widths,
+        );
         (Prefilter::new(SIZE).apply_without(&full, &sources), sources)
     }
 
@@ -277,8 +314,8 @@ mod tests {
                 (there + beside * 0.3).normalize(),
                 beside.normalize(),
             ] {
-                let ours = CompleteMap::new(&map).blurred(d, width).x;
-                let truth = CompleteMap::new(&all).blurred(d, width).x;
+                let ours = CompleteMap::new(&map).blurred(d, width, 0.0).x;
+                let truth = CompleteMap::new(&all).blurred(d, width, 0.0).x;
                 assert!(
                     (ours / truth - 1.0).abs() < 0.1,
                     "{width} {d}: {ours} {truth}"
@@ -304,7 +341,15 @@ mod tests {
             pairs.map(|(a, b)| b.lerp(*a, share)).collect()
         };
         let widths = widths(SIZE, level_count(SIZE));
-        let found = |share| excesses(&grid, &dimmed(share), &without, &[towards], &widths);
+        let found = |share| {
+            excesses(
+                &grid,
+                &dimmed(share),
+                &without,
+                &[(towards, LightPlace::FAR)],
+                &widths,
+            )
+        };
         assert!(found(0.005).is_empty());
         let (weak, strong) = (
             found(0.035)[0].source.weights[4],
@@ -317,7 +362,16 @@ mod tests {
     fn uniform_sky_has_no_sources() {
         let (grid, _, without, towards) = sky(0.1);
         let widths = widths(SIZE, level_count(SIZE));
-        assert!(excesses(&grid, &without, &without, &[towards], &widths).is_empty());
+        assert!(
+            excesses(
+                &grid,
+                &without,
+                &without,
+                &[(towards, LightPlace::FAR)],
+                &widths
+            )
+            .is_empty()
+        );
         assert!(excesses(&grid, &without, &without, &[], &widths).is_empty());
     }
 }

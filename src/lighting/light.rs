@@ -76,6 +76,7 @@ impl CompactSourceSpecular {
         Self {
             direction: v / length,
             flux: self.flux / (length * length),
+            radius: self.radius / length,
             ..*self
         }
     }

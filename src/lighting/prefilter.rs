@@ -103,9 +103,13 @@ impl Prefilter {
     #[must_use]
     pub fn apply_without(&self, texels: &[Vec3], sources: &[Excess]) -> CubeMap {
         let mut pyramid = self.pyramid(texels);
+        for source in sources {
+            self.subtract(&mut pyramid, &source.parts, source.source.weights[0]);
+        }
+        let map_itself = &pyramid[..texels.len()];
         let mut map = CubeMap {
             size: self.size,
-            levels: vec![texels.iter().map(Vec3::to_array).collect()],
+            levels: vec![map_itself.iter().map(|t| t.truncate().to_array()).collect()],
             compact_sources: sources.iter().map(|s| s.source).collect(),
             ..CubeMap::default()
         };

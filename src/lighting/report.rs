@@ -443,7 +443,8 @@ fn write_error(path: &Path, reason: impl std::fmt::Display) -> LightReportError 
     }
 }
 
-/// Returns the irradiance on level ground of a radiance map's upper hemisphere.
+/// Returns the irradiance on level ground of a radiance map's upper hemisphere, and of the sources
+/// that the map leaves out.
 #[must_use]
 pub fn ground_irradiance_of(lighting: &Lighting) -> Vec3 {
     let grid = CubeGrid::new(lighting.radiance.size);
@@ -453,5 +454,9 @@ pub fn ground_irradiance_of(lighting: &Lighting) -> Vec3 {
         .first()
         .map(|level| level.iter().map(|t| Vec3::from(*t)).collect())
         .unwrap_or_default();
-    ground_irradiance(&texels, &grid)
+    let sources = lighting.radiance.compact_sources.iter();
+    let left_out: Vec3 = sources
+        .map(|source| source.flux * (source.weights[0] * source.direction.z.max(0.0)))
+        .sum();
+    ground_irradiance(&texels, &grid) + left_out
 }

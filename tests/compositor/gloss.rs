@@ -9,7 +9,7 @@ use penumbra_lighting::compact_source_specular::{excesses, reflected};
 use penumbra_lighting::cube::CubeGrid;
 use penumbra_lighting::lobes::{Family, Levels, phong_parameter, tilted, widths};
 use penumbra_lighting::prefilter::{Prefilter, gathered, level_count};
-use penumbra_lighting::{CubeMap, Lighting};
+use penumbra_lighting::{CubeMap, LightPlace, Lighting};
 use penumbra_picture::Picture;
 use penumbra_scene::{Material, Part, Phong, PlacedLamp, SceneTexture, primitives};
 use std::f32::consts::PI;
@@ -127,17 +127,17 @@ fn gpu_lobes_match_the_cpu() {
     }
 }
 
-/// A map of [`sky`] from which the entire window is separated as a compact source.
-fn separated_window(size: u32) -> CubeMap {
+/// A map of [`sky`] from which the entire window is separated as a compact source at `place`.
+fn separated_window(size: u32, place: LightPlace) -> CubeMap {
     let grid = CubeGrid::new(size);
     let full = sky(size);
     let without: Vec<Vec3> = full
         .iter()
         .map(|l| if l.x > 1.1 { *l - 1.5 } else { *l })
         .collect();
-    let towards = [Vec3::new(0.5, -0.6, 0.6).normalize()];
+    let window = [(Vec3::new(0.5, -0.6, 0.6).normalize(), place)];
     let widths = widths(size, level_count(size));
-    let sources = excesses(&grid, &full, &without, &towards, &widths);
+    let sources = excesses(&grid, &full, &without, &window, &widths);
     assert_eq!(sources.len(), 1);
     let prefilter = Prefilter::new(size).with_phong(true);
     prefilter.apply_without(&full, &sources)
@@ -145,7 +145,7 @@ fn separated_window(size: u32) -> CubeMap {
 
 #[test]
 fn sources_left_out_of_levels_are_reflected_by_the_brdf() {
-    let map = separated_window(64);
+    let map = separated_window(64, LightPlace::FAR);
     assert!(
         map.compact_sources[0].weights[4] == 1.0,
         "{:?}",
@@ -166,6 +166,34 @@ fn sources_left_out_of_levels_are_reflected_by_the_brdf() {
             light * (SPECULAR * r.scale + r.bias) + scaled * SPECULAR + added
         });
         assert!(worst <= 5 && mean < 0.9, "{family:?} {p}: {worst} {mean}");
+    }
+}
+
+#[test]
+fn near_source_is_mirrored_where_it_is_seen_from_each_point() {
+    let place = LightPlace {
+        reference: Vec3::ZERO,
+        inverse_distance: 2.5,
+    };
+    let map = separated_window(64, place);
+    assert_eq!(map.compact_sources[0].weights, [1.0; 8]);
+    for roughness in [0.0, 0.1, 0.3, 0.6] {
+        let material = metal(roughness);
+        let (family, p) = lobe(&material);
+        let levels = Levels::new(family, map.size, map.levels.len());
+        let stage = sphere(material).lit(mirrored_only(map.clone()));
+        let picture = stage.compose();
+        let (worst, mean) = differences(&stage, &picture, |n, v| {
+            let r = family.response(n.dot(v), p);
+            let d = tilted(n * (2.0 * n.dot(v)) - v, n, r.tilt);
+            let level = levels.level(r.width);
+            let light = gathered(&map, family, level, d);
+            let here = map.compact_sources.iter().map(|s| s.seen_from(n * 0.1));
+            let here: Vec<_> = here.collect();
+            let [scaled, added] = reflected(&here, (family, p, level), n, v);
+            light * (SPECULAR * r.scale + r.bias) + scaled * SPECULAR + added
+        });
+        assert!(worst <= 5 && mean < 0.9, "{roughness}: {worst} {mean}");
     }
 }
 

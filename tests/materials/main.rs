@@ -8,13 +8,13 @@ mod maps;
 use glam::Vec3;
 use integral::{Integrator, View, boxed, prefiltered, reflectance};
 use maps::{SPOT, real, rendered};
-use penumbra_lighting::CubeMap;
 use penumbra_lighting::box_chain::box_chain;
 use penumbra_lighting::compact_source_specular::excesses;
 use penumbra_lighting::cube::CubeGrid;
 use penumbra_lighting::lobes::{Family, Levels, phong_parameter, widths};
 use penumbra_lighting::prefilter::{Prefilter, level_count};
 use penumbra_lighting::sources::{Layout, SampleGrid, SourceFinder, SourceSettings};
+use penumbra_lighting::{CubeMap, LightPlace};
 use std::sync::LazyLock;
 
 const SIZE: u32 = 128;
@@ -69,9 +69,9 @@ fn chain(map: &[Vec3]) -> CubeMap {
     for (i, flux) in sources.iter().flat_map(|s| &s.parts) {
         without[*i as usize] -= *flux / grid.solid_angles[*i as usize];
     }
-    let towards: Vec<Vec3> = sources.iter().map(|s| s.direction).collect();
+    let far: Vec<_> = (sources.iter().map(|s| (s.direction, LightPlace::FAR))).collect();
     let widths = widths(SIZE, level_count(SIZE));
-    PREFILTER.apply_without(map, &excesses(&grid, map, &without, &towards, &widths))
+    PREFILTER.apply_without(map, &excesses(&grid, map, &without, &far, &widths))
 }
 
 /// Root mean square errors over the views, relative to the root mean square of the ground truth.

@@ -95,6 +95,8 @@ struct Face {
     normals: [Vec3; 3],
     /// Its own, unit length.
     normal: Vec3,
+    /// See [`Met::curvature`].
+    curvature: f32,
     surface: u32,
 }
 
@@ -120,10 +122,12 @@ impl Body {
                 if normal == Vec3::ZERO || !own.iter().all(|p| p.is_finite()) {
                     continue;
                 }
+                let normals = [a, b, c].map(|v| (normal_from_part * v.normal).normalize_or(normal));
                 corners.push(own);
                 faces.push(Face {
-                    normals: [a, b, c].map(|v| (normal_from_part * v.normal).normalize_or(normal)),
+                    normals,
                     normal,
+                    curvature: curvature(own, normals),
                     surface,
                 });
             }
@@ -152,6 +156,8 @@ pub struct Met<'a> {
     pub normal: Vec3,
     /// Interpolated between its corners, on the same side.
     pub shading_normal: Vec3,
+    /// By how much the normal turns along the surface, radians a metre.
+    pub curvature: f32,
     pub surface: &'a Surface,
 }
 
@@ -262,9 +268,19 @@ impl NearbyScene {
             distance: hits.distance[i],
             normal,
             shading_normal: facing(between.normalize_or(normal), normal),
+            curvature: face.curvature,
             surface: &self.surfaces[face.surface as usize],
         })
     }
+}
+
+/// The most by which the normal turns along an edge, radians a metre.
+fn curvature(corners: [Vec3; 3], normals: [Vec3; 3]) -> f32 {
+    let along = |a: usize, b: usize| {
+        let length = corners[a].distance(corners[b]);
+        normals[a].distance(normals[b]) / length.max(1e-9)
+    };
+    along(0, 1).max(along(1, 2)).max(along(2, 0))
 }
 
 fn transformed(rays: &Rays, by: &Mat4) -> Rays {

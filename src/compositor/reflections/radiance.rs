@@ -217,8 +217,8 @@ impl<'a> NearbyLight<'a> {
         share.unwrap_or(Vec3::ONE)
     }
 
-    /// Radiance from far away, blurred by a lobe of about `width`.
-    pub fn sky(&self, direction: Vec3, width: f32) -> Vec3 {
-        self.sky.blurred(direction, width)
+    /// Radiance from far away, blurred by a lobe of about `width`; that of lamps by `spread` at least.
+    pub fn sky(&self, direction: Vec3, width: f32, spread: f32) -> Vec3 {
+        self.sky.blurred(direction, width, spread)
     }
 }

@@ -114,6 +114,7 @@ impl ReflectionsStage {
                 light,
                 view: View::new(&view.camera, pose),
                 slopes: &self.slopes,
+                spacing: self.step as f32 / view.camera.focal.x as f32,
             },
             tiles,
             step: self.step,

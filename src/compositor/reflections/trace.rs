@@ -25,6 +25,8 @@ use penumbra_numerics::smoothstep;
 const MIRROR: f32 = 0.015;
 /// Sine of the least angle between a mirror ray and the triangle from which it starts.
 const LEAST_ELEVATION: f32 = 0.01;
+/// Least cosine of the angle of incidence by which a beam widens.
+const LEAST_COSINE: f32 = 0.2;
 /// Share of the distance to the camera that is free if nothing hides a point.
 const FREE: f32 = 1.0 - 1e-3;
 /// Part of the picture's width over which reflections of the picture fade towards its edges.
@@ -154,6 +156,8 @@ pub struct Tracer<'a> {
     pub view: View,
     /// The slopes of half vectors, in units of the lobe's width, of the rays for a lobe.
     pub slopes: &'a [Vec2],
+    /// Angle between neighbouring points, radians.
+    pub spacing: f32,
 }
 
 /// The slopes for `count` rays: quantiles of GGX's distribution on a spiral.
@@ -172,11 +176,34 @@ struct Mirror<'a> {
     incident: Vec3,
     /// Unit vectors across the shading normal.
     across: (Vec3, Vec3),
+    /// What its ray stands for.
+    beam: Beam,
     met: Met<'a>,
     /// Weight of its rays, and the weighted sum of the lengths of those that meet what is seen.
     weight: f32,
     metres: f32,
     sum: Nearby,
+}
+
+/// The width of what a ray stands for, up to the ray of the neighbouring point (Igehy 1999, with the
+/// greatest curvature for all directions).
+#[derive(Clone, Copy)]
+struct Beam {
+    /// At the surface, metres.
+    width: f32,
+    /// The angle by which it opens, radians.
+    angle: f32,
+}
+
+impl Beam {
+    /// After `distance` metres and the reflection in a surface.
+    fn reflected(self, distance: f32, met: &Met<'_>, cosine: f32) -> Self {
+        let width = (self.width + self.angle * distance) / cosine.abs().max(LEAST_COSINE);
+        Self {
+            width,
+            angle: self.angle + 2.0 * met.curvature * width,
+        }
+    }
 }
 
 /// A packet of rays that not all lanes have.
@@ -220,6 +247,9 @@ struct Second {
     direction: Vec3,
     origin: Vec3,
     width: f32,
+    /// Half the angle to what the rays of neighbouring points reflect: a lamp between them is in
+    /// none of these rays, or fills one of them.
+    spread: f32,
 }
 
 impl Tracer<'_> {
@@ -233,9 +263,16 @@ impl Tracer<'_> {
         let found = self.scene.nearest(&packet.rays, packet.farthest);
         let mut mirrors: [Option<Mirror<'_>>; LANES] = std::array::from_fn(|lane| {
             let met = found[lane].filter(|met| met.surface.is_glossy)?;
+            let incident = directions[lane].normalize();
+            let from_eye = Beam {
+                width: 0.0,
+                angle: self.spacing,
+            };
+            let cosine = incident.dot(met.shading_normal);
             Some(Mirror {
                 point: self.view.eye + directions[lane] * met.distance,
-                incident: directions[lane].normalize(),
+                beam: from_eye.reflected(met.distance, &met, cosine),
+                incident,
                 across: met.shading_normal.any_orthonormal_pair(),
                 met,
                 weight: 0.0,
@@ -297,7 +334,8 @@ impl Tracer<'_> {
                 continue;
             }
             mirror.sum.light += self.direct(point, met);
-            seconds[lane] = second(met, from, direction, mirror.met.surface.width);
+            let width = mirror.met.surface.width;
+            seconds[lane] = second(met, from, direction, (width, mirror.beam));
         }
         self.look(&to_eye, &found, mirrors);
         self.reflect_again(&seconds, mirrors);
@@ -398,7 +436,9 @@ impl Tracer<'_> {
                 None if packet.farthest[lane] < f32::MAX => {
                     self.light.ground(along(packet.farthest[lane]))
                 }
-                None => self.light.sky(second.direction, second.width),
+                None => self
+                    .light
+                    .sky(second.direction, second.width, second.spread),
             };
             mirror.sum.light += second.reflectance * arriving;
         }
@@ -456,15 +496,24 @@ fn lifted(direction: Vec3, n: Vec3) -> Vec3 {
 
 /// The reflection in a surface at `from`; `None` if it reflects nothing specularly. The lobes of
 /// both surfaces, the first as wide as `width`, blur it.
-fn second(met: &Met<'_>, from: Vec3, direction: Vec3, width: f32) -> Option<Second> {
+fn second(
+    met: &Met<'_>,
+    from: Vec3,
+    direction: Vec3,
+    (width, beam): (f32, Beam),
+) -> Option<Second> {
     let Surface { f0, width: own, .. } = *met.surface;
     (f0 != Vec3::ZERO).then(|| {
         let n = met.shading_normal;
+        let beam = beam.reflected(met.distance, met, direction.dot(n));
+        // A normal that turns by an angle turns what is reflected by twice that, to both sides.
+        let spread = (0.25 * beam.angle).min(1.0);
         Second {
             reflectance: met.surface.fresnel(-direction.dot(n)),
             direction: lifted(direction.reflect(n), met.normal),
             origin: from,
             width: (own * own + width * width).sqrt(),
+            spread,
         }
     })
 }
@@ -580,6 +629,7 @@ mod tests {
             light: NearbyLight::new(&input, &response, &grid).expect("lit"),
             view: View::new(&camera, pose),
             slopes: &slopes(rays),
+            spacing: 0.002,
         };
         let pixel = |p: &Vec3| {
             let own = pose.inverse().transform_point(p.as_dvec3());

@@ -44,8 +44,13 @@ fn light_at(pixel: vec2i, n: vec3f, z: f32, own: bool) -> vec3f {
     return sum / max(weight, 1e-9);
 }
 
-// Radiance of a point of a real surface as the picture shows it, blurred over `metres`; in w,
-// whether it does.
+// Share of the edge's colour beside the picture, and the part of the picture's size over which it
+// fades.
+const BESIDE = 0.7;
+const BESIDE_FADE = 0.4;
+
+// Radiance of a point of a real surface as the picture shows it, blurred over `metres`; in w, by
+// how much that is known.
 fn real_radiance(world: vec3f, metres: f32) -> vec4f {
     let p = pixel_of(world);
     let uv = (p.xy + vec2f(0.5)) * frame.size.zw;
@@ -55,8 +60,11 @@ fn real_radiance(world: vec3f, metres: f32) -> vec4f {
     // Part of so wide a blur may lie beside the picture or behind the camera.
     let reach = min(0.5 * pixels * frame.size.z, 0.5);
     let ahead = smoothstep(frame.eye.w, frame.eye.w + metres, p.z);
-    let inside = smoothstep(-0.02 - reach, 0.05 + reach, edge) * ahead;
-    let lod = clamp(log2(max(pixels * 0.5, 1.0)), 0.0, frame.params.w);
+    // Beside the picture the ground goes on like its edge, for some way.
+    let beside = BESIDE * exp(min(edge, 0.0) / BESIDE_FADE);
+    let inside = max(smoothstep(-0.02 - reach, 0.05 + reach, edge), beside) * ahead;
+    let blur = max(pixels * 0.5, -edge * frame.size.x * 0.25);
+    let lod = clamp(log2(max(blur, 1.0)), 0.0, frame.params.w);
     let seen = textureSampleLevel(surroundings, smooth_sampler, clamp(uv, vec2f(0.0), vec2f(1.0)), lod).rgb;
     return vec4f(seen, inside);
 }

@@ -80,16 +80,9 @@ impl EnvironmentEstimator {
     ) -> CubeMap {
         match self.settings.filtering {
             Filtering::Prefiltered => {
-                let towards: Vec<Vec3> = sources.iter().map(|s| s.0).collect();
                 let widths = widths(self.grid.size, level_count(self.grid.size));
-                let excesses = excesses(&self.grid, full, without, &towards, &widths);
-                let mut map = self.prefilter.apply_without(full, &excesses);
-                for source in &mut map.compact_sources {
-                    let angle = |s: &(Vec3, LightPlace)| s.0.angle_between(source.direction);
-                    let nearest = sources.iter().min_by(|a, b| angle(a).total_cmp(&angle(b)));
-                    source.place = nearest.map_or(LightPlace::FAR, |s| s.1);
-                }
-                map
+                let excesses = excesses(&self.grid, full, without, sources, &widths);
+                self.prefilter.apply_without(full, &excesses)
             }
             Filtering::Box => {
                 // The paper's sphere is seen by the scene camera; without a pose, from above.

@@ -23,7 +23,7 @@ impl DistantLight<'_> {
 
     /// Radiance of the sky from `direction`, blurred by a lobe of about `width`.
     pub fn sky_radiance(&self, direction: Vec3, width: f32) -> Vec3 {
-        self.radiance.blurred(direction, width)
+        self.radiance.blurred(direction, width, 0.0)
     }
 }
 

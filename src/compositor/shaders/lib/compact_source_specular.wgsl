@@ -36,6 +36,23 @@ fn widened_by_disc(g: Gloss, v: vec3f, l: vec3f, radius: f32) -> Gloss {
     return wide;
 }
 
+// BRDF towards a disc: that of the widened lobe, or the disc itself in a mirror.
+fn lobe_towards_disc(g: Gloss, n: vec3f, v: vec3f, l: vec3f, radius: f32) -> vec3f {
+    let wide = lobe_towards(widened_by_disc(g, v, l, radius), n, v, l);
+    // Twin of `mirrored_disc`.
+    let lobe = 2.0 * max(g.width, 0.01);
+    let sharp = 1.0 - smoothstep(0.25, 0.75, lobe / max(radius, 1e-6));
+    if (PHONG && g.phong) || sharp <= 0.0 {
+        return wide;
+    }
+    let edge = max(lobe, 0.25 * radius);
+    let apart = distance(reflect(-v, n), l);
+    let shown = 1.0 - smoothstep(radius - edge, radius + edge, apart);
+    let fresnel = g.f0 + (vec3f(g.f90) - g.f0) * pow(1.0 - clamp(dot(v, n), 0.0, 1.0), 5.0);
+    let area = 3.14159265 * (radius * radius + 0.2 * edge * edge);
+    return mix(wide, fresnel * (shown / (area * max(dot(n, l), 1e-3))), sharp);
+}
+
 // Radiance that a surface reflects from compact sources; `level` is the mip level of its map.
 fn compact_source_specular(world: vec3f, n: vec3f, v: vec3f, gloss: Gloss, level: f32) -> vec3f {
     let off = vec4f(level) - vec4f(0.0, 1.0, 2.0, 3.0);
@@ -55,7 +72,8 @@ fn compact_source_specular(world: vec3f, n: vec3f, v: vec3f, gloss: Gloss, level
         let l = towards * near;
         let weight = dot(low, compact_sources.each[k].weights[0]) + dot(high, compact_sources.each[k].weights[1]);
         let light = compact_sources.each[k].flux.rgb * (max(dot(n, l), 0.0) * weight * near * near);
-        sum += lobe_towards(widened_by_disc(gloss, v, l, compact_sources.each[k].direction.w), n, v, l) * light;
+        let radius = compact_sources.each[k].direction.w * near;
+        sum += lobe_towards_disc(gloss, n, v, l, radius) * light;
         continuing {
             k += 1u;
             break if k >= count;
