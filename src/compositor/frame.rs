@@ -32,7 +32,9 @@ impl Compositor {
         };
         let mut encoder = self.gpu.device.create_command_encoder(&descriptor);
         self.timer.begin_frame();
-        let finished = self.record(&mut encoder, &plan, &pictures);
+        let mut passes = self.pipelines.take().unwrap_or_else(|| self.compiled());
+        let finished = self.record(&mut encoder, &mut passes, &plan, &pictures);
+        self.pipelines = Some(passes);
         self.fit_readback(finished.size())
             .record(&mut encoder, &finished.texture);
         self.timer.end_frame(&mut encoder);
@@ -47,17 +49,16 @@ impl Compositor {
     fn record(
         &mut self,
         encoder: &mut wgpu::CommandEncoder,
+        p: &mut Pipelines,
         plan: &FramePlan,
         pictures: &SizedResources,
     ) -> FrameTexture {
-        let mut passes = self.pipelines.take().unwrap_or_else(|| self.compiled());
         let r = &mut Recorder {
             device: &self.gpu.device,
             encoder,
             timer: &mut self.timer,
         };
         self.cover.set_drawn();
-        let p = &mut passes;
         let (frame, scene) = (&self.light_maps.frame_group, &self.scene);
         let (codes, output) = (&self.response_table, &pictures.output);
 
@@ -127,9 +128,7 @@ impl Compositor {
 
         // The light that virtual lights add, measured for the exposure of later frames.
         self.exposure.record_meter(r, real, light);
-        let finished = finished.clone();
-        self.pipelines = Some(passes);
-        finished
+        finished.clone()
     }
 
     /// The buffer into which finished pictures of `size` are copied.

@@ -72,12 +72,11 @@ impl Runner {
         let poses = poses.transpose()?;
         let pose_out = context.config.output.freed.map(pose_sender).transpose()?;
         crate::playback::open(context);
-        let scene_updates = SceneUpdates::default();
         let display_latency = Arc::<DisplayLatency>::default();
         let inputs = PreparationInputs {
             requested: context.status.settings_receiver(),
             playback: context.status.playback_receiver(),
-            scene_updates: scene_updates.clone(),
+            scene_updates: SceneUpdates::default(),
             display_latency: display_latency.clone(),
         };
         let outputs = Outputs {
@@ -87,27 +86,7 @@ impl Runner {
             poses,
             display_latency,
         };
-        // Tables of the light and the compositor's passes and scene take about as long.
-        let (preparation, mut run) = std::thread::scope(|scope| {
-            let start = || {
-                Preparation::start_with(
-                    &context.setup,
-                    &context.config,
-                    &context.source,
-                    inputs,
-                    context.shutdown.clone(),
-                )
-            };
-            let starting = std::thread::Builder::new()
-                .name("prepare".to_owned())
-                .spawn_scoped(scope, start)
-                .map_err(|source| RigError::Thread { source })?;
-            let run = Run::new(context, gpu.clone(), outputs, scene_updates)?;
-            let preparation = starting
-                .join()
-                .unwrap_or_else(|panic| resume_unwind(panic))?;
-            Ok::<_, RigError>((preparation, run))
-        })?;
+        let (preparation, mut run) = start(context, &gpu, inputs, outputs)?;
         // The devices are opened only when the preparation can take their deliveries.
         if let Source::Live(live) = &context.source {
             live.open()?;
@@ -136,6 +115,34 @@ impl Runner {
         drop(preparation);
         run.into_report(context)
     }
+}
+
+/// Starts the preparation and creates the compositor, at the same time: the tables of the light
+/// take about as long as the passes and the scene.
+fn start(
+    context: &RunContext,
+    gpu: &Gpu,
+    inputs: PreparationInputs,
+    outputs: Outputs,
+) -> Result<(Preparation, Run), RigError> {
+    let scene_updates = inputs.scene_updates.clone();
+    let prepare = || {
+        let RunContext { setup, config, .. } = context;
+        let stop = context.shutdown.clone();
+        Preparation::start_with(setup, config, &context.source, inputs, stop)
+    };
+    std::thread::scope(|scope| {
+        let starting = std::thread::Builder::new()
+            .name("prepare".to_owned())
+            .spawn_scoped(scope, prepare)
+            .map_err(|source| RigError::Thread { source })?;
+        let run = Run::new(context, gpu.clone(), outputs, scene_updates)?;
+        let preparation = starting.join();
+        Ok((
+            preparation.unwrap_or_else(|panic| resume_unwind(panic))?,
+            run,
+        ))
+    })
 }
 
 /// Composes a prepared frame, or counts why there is none.
