@@ -8,9 +8,9 @@ use std::collections::HashMap;
 use std::ops::Deref;
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// Pipelines that are kept; more than all variants of a rig need. All are let go when there are
+/// Pipelines that are kept: seven variants of all passes. All are let go when there are
 /// more, because the text of some shaders depends on the size of a bake.
-const MAX_PIPELINES: usize = 1024;
+const MAX_PIPELINES: usize = 256;
 
 /// A shader's name and WGSL text. It is compiled when the first pipeline needs it.
 #[derive(Clone, Debug, PartialEq, Eq)]
