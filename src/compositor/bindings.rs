@@ -275,7 +275,7 @@ pub fn compute_pipeline(
     groups: &[&wgpu::BindGroupLayout],
     entry: &str,
 ) -> wgpu::ComputePipeline {
-    device.compute_pipeline(shader, entry.to_owned(), |module| {
+    device.pipeline(shader, entry.to_owned(), |module| {
         compile_compute(device, module, groups, entry)
     })
 }
@@ -347,7 +347,7 @@ pub struct PipelineSpec<'a> {
 impl PipelineSpec<'_> {
     /// Compiles the pipeline, unless that was done before.
     pub fn build(&self, device: &Device) -> wgpu::RenderPipeline {
-        device.render_pipeline(self.shader, self.key(), |module| {
+        device.pipeline(self.shader, self.key(), |module| {
             self.compile(device, module)
         })
     }

@@ -13,7 +13,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 const MAX_PIPELINES: usize = 256;
 
 /// A shader's name and WGSL text. It is compiled when the first pipeline needs it.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug)]
 pub struct Shader {
     pub label: String,
     pub text: String,
@@ -26,17 +26,37 @@ pub struct Device {
     compiled: Arc<Mutex<Compiled>>,
 }
 
-/// A pipeline is found by its shader and by a text that tells all else in which pipelines of this
-/// shader differ.
+/// Pipelines by the number of their shader, and by a text that tells all else in which pipelines of
+/// this shader differ.
+type Kept<P> = HashMap<(usize, String), P>;
+
 #[derive(Debug, Default)]
-struct Compiled {
+pub(crate) struct Compiled {
     /// Shaders and pipelines that were compiled so far, those that were let go included.
     shader_count: usize,
     pipeline_count: usize,
     /// By text, with the number under which the shader is known.
     shaders: HashMap<String, (usize, wgpu::ShaderModule)>,
-    render: HashMap<(usize, String), wgpu::RenderPipeline>,
-    compute: HashMap<(usize, String), wgpu::ComputePipeline>,
+    render: Kept<wgpu::RenderPipeline>,
+    compute: Kept<wgpu::ComputePipeline>,
+}
+
+/// A kind of pipeline.
+pub(crate) trait Pipeline: Clone {
+    /// Those of this kind that are kept.
+    fn kept(compiled: &mut Compiled) -> &mut Kept<Self>;
+}
+
+impl Pipeline for wgpu::RenderPipeline {
+    fn kept(compiled: &mut Compiled) -> &mut Kept<Self> {
+        &mut compiled.render
+    }
+}
+
+impl Pipeline for wgpu::ComputePipeline {
+    fn kept(compiled: &mut Compiled) -> &mut Kept<Self> {
+        &mut compiled.compute
+    }
 }
 
 impl Compiled {
@@ -81,45 +101,26 @@ impl Device {
         self.with(|compiled| compiled.pipeline_count)
     }
 
-    /// The render pipeline `key` of `shader`; `compile` makes it of the module if there is none yet.
-    pub(crate) fn render_pipeline(
-        &self,
-        shader: &Shader,
-        key: String,
-        compile: impl FnOnce(&wgpu::ShaderModule) -> wgpu::RenderPipeline,
-    ) -> wgpu::RenderPipeline {
-        self.pipeline(shader, key, |compiled| &mut compiled.render, compile)
-    }
-
-    /// The compute pipeline `key` of `shader`; `compile` makes it of the module if there is none yet.
-    pub(crate) fn compute_pipeline(
-        &self,
-        shader: &Shader,
-        key: String,
-        compile: impl FnOnce(&wgpu::ShaderModule) -> wgpu::ComputePipeline,
-    ) -> wgpu::ComputePipeline {
-        self.pipeline(shader, key, |compiled| &mut compiled.compute, compile)
-    }
-
+    /// The pipeline `key` of `shader`; `compile` makes it of the module if there is none yet.
+    ///
     /// Nothing waits for a pipeline that another thread compiles: of two threads that want the same
     /// one at once, both compile it.
-    fn pipeline<P: Clone>(
+    pub(crate) fn pipeline<P: Pipeline>(
         &self,
         shader: &Shader,
         key: String,
-        of: impl Fn(&mut Compiled) -> &mut HashMap<(usize, String), P>,
         compile: impl FnOnce(&wgpu::ShaderModule) -> P,
     ) -> P {
         let (number, module) = self.module(shader);
         let key = (number, key);
-        if let Some(known) = self.with(|compiled| of(compiled).get(&key).cloned()) {
+        if let Some(known) = self.with(|compiled| P::kept(compiled).get(&key).cloned()) {
             return known;
         }
         let pipeline = compile(&module);
         self.with(|compiled| {
             compiled.bound();
             compiled.pipeline_count += 1;
-            of(compiled).insert(key, pipeline.clone());
+            P::kept(compiled).insert(key, pipeline.clone());
         });
         pipeline
     }

@@ -15,7 +15,7 @@ use super::reflections::ReflectionsStage;
 use super::reproject::ReprojectStage;
 use super::response_table::ResponseTable;
 use super::scene_buffers::{SceneBuffers, SceneLayouts};
-use super::scene_upload::{NewestLight, NewestVariant, SceneUploader, UploadedScene};
+use super::scene_upload::{NewestLight, NewestVariant, SceneUploader, UploadedScene, lock};
 use super::settings::CompositorSettings;
 use super::shaders::Variant;
 use super::shadow_slots::ShadowSlots;
@@ -54,7 +54,7 @@ pub struct Compositor {
     pub(crate) layouts: SceneLayouts,
     /// Compiled by the first frame of a variant.
     pub(crate) pipelines: Option<Pipelines>,
-    /// The variant, for uploaders.
+    /// For uploaders.
     pub(crate) newest_variant: NewestVariant,
     pub(crate) exposure: ExposureStage,
     pub(crate) planes: Option<Box<PlanesStage>>,
@@ -170,14 +170,27 @@ impl Compositor {
     /// Compiles the passes for the scene that is shown and for a camera with `vignetting` and a
     /// `rolling_shutter`, so that the first frame does not have to.
     pub fn compile(&mut self, vignetting: bool, rolling_shutter: bool) {
-        self.variant = Variant {
-            phong: self.variant.phong || self.scene.has_phong,
-            nearby: self.variant.nearby || self.reflections.is_active(),
+        self.set_variant(Variant {
             rolling_shutter: self.variant.rolling_shutter || rolling_shutter,
             vignetting: self.variant.vignetting || vignetting,
             ..self.variant
-        };
+        });
         self.pipelines = Some(self.compiled());
+        self.publish_variant();
+    }
+
+    /// Has the passes taken from those of `variant`, or compiled for it, by the next frame.
+    pub(crate) fn set_variant(&mut self, variant: Variant) {
+        if variant != self.variant {
+            self.variant = variant;
+            self.exposure.forget_pipelines();
+            self.pipelines = None;
+        }
+    }
+
+    /// Tells uploaders for which variant they have to compile.
+    pub(crate) fn publish_variant(&self) {
+        *lock(&self.newest_variant) = Some((self.variant, self.exposure.has_passes()));
     }
 
     /// The passes for the variant.
@@ -191,12 +204,13 @@ impl Compositor {
         self.scene = scene.buffers;
         self.cover.set_boxes(scene.boxes);
         self.reflections.set_scene(scene.nearby);
+        self.set_variant(self.variant.with_scene(scene.needs));
         self.light_maps
             .bind_screens(&self.gpu.device, &self.scene.screens);
         // The new scene may need the radiance maps of Phong's lobes.
         self.forget_uploaded_light();
         let (device, queue) = (&self.gpu.device, &self.gpu.queue);
-        let in_background = self.settings.cache_in_background;
+        let in_background = self.settings.in_background;
         let cached = scene
             .cache
             .map(|cache| CachedLight::new(device, queue, cache, in_background));

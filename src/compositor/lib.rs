@@ -21,7 +21,7 @@
 //!
 //! | module | content |
 //! |---|---|
-//! | [`gpu`], [`requirements`], `bindings`, `textures`, `texels`, `recorder`, [`timing`] | the device and short forms of wgpu |
+//! | [`gpu`], `compiled`, [`requirements`], `bindings`, `textures`, `texels`, `recorder`, [`timing`] | the device and short forms of wgpu |
 //! | `gpu_data`, `shaders`, `response_table` | the data that shaders read, and their text |
 //! | `mesh_buffers`, `materials`, `detail`, `moving`, `emitters`, `scene_buffers`, `scene_upload` | the scene on the device |
 //! | `caster_hull`, `shadow_slots`, `cover` | the choice of shadow maps to draw again and of covered tiles |

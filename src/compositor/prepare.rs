@@ -14,7 +14,6 @@ use super::moving::upload;
 use super::passes::exposure::ExposedPictures;
 use super::reflections::ReflectionTiles;
 use super::reproject::ReprojectStage;
-use super::scene_upload::lock;
 use super::shaders::Variant;
 use super::sized_resources::SizedResources;
 use super::surface_light::mark_tiles;
@@ -80,6 +79,7 @@ impl Compositor {
         self.upload_radiance(input);
         self.upload_picture(input);
         let plan = self.upload_frame(input, &view)?;
+        self.publish_variant();
         let tiles = ReflectionTiles {
             covered: self.cover.tiles(),
             across: view.size.0.div_ceil(TILE),
@@ -154,26 +154,17 @@ impl Compositor {
         self.reproject = Some(stage);
     }
 
-    /// Has the shaders compiled again when the first virtual light, area lamp, Phong lobe, rolling
-    /// shutter or vignetting appears. What a scene brings, its uploader has compiled.
+    /// Has the shaders compiled again when the first rolling shutter, vignetting, or virtual light
+    /// that the scene does not have appears.
     fn fit_variant(&mut self, input: &FrameInput<'_>) {
         let known = self.variant;
-        let variant = Variant {
+        self.set_variant(Variant {
             lamps: known.lamps || !input.lamps.is_empty(),
             areas: known.areas || input.lamps.iter().any(|lamp| lamp.area.is_some()),
-            phong: known.phong || self.scene.has_phong,
             rolling_shutter: known.rolling_shutter || input.rolling_shutter.is_some(),
             vignetting: known.vignetting || input.vignetting.is_some(),
-            nearby: known.nearby | self.reflections.is_active(),
             ..known
-        };
-        if self.pipelines.is_some() && variant == known {
-            return;
-        }
-        *lock(&self.newest_variant) = Some(variant);
-        self.variant = variant;
-        self.exposure.forget_pipelines();
-        self.pipelines = None;
+        });
     }
 
     /// Allocates the pictures of a frame when their size has changed.
@@ -321,7 +312,7 @@ impl Compositor {
         light.keep_apart(by_planes);
         if let (true, (Some(lighting), Some(pose))) = (has_virtual, seen) {
             let surface_light = SurfaceLight::new(lighting, lights, input.indirect_light);
-            if self.settings.cache_in_background
+            if self.settings.in_background
                 && let Ok(mut newest) = self.newest_light.try_lock()
             {
                 newest.get_or_insert_default().keep(&surface_light);
@@ -354,7 +345,7 @@ impl Compositor {
         tiles.upload(queue, bytemuck::cast_slice(&self.shadow_tiles), 16);
     }
 
-    /// Chooses the exposure, compiles its passes, allocates their pictures and uploads it.
+    /// Chooses the exposure, has its passes compiled, allocates their pictures and uploads it.
     fn prepare_exposure(
         &mut self,
         input: &FrameInput<'_>,
@@ -364,8 +355,12 @@ impl Compositor {
     ) {
         let device = &self.gpu.device;
         self.exposure.choose(&self.gpu, input, has_virtual);
-        self.exposure
-            .compile(device, &self.light_maps.frame_layout, self.variant);
+        self.exposure.compile(
+            device,
+            &self.light_maps.frame_layout,
+            self.variant,
+            self.settings.in_background,
+        );
         if let Some(pictures) = self
             .pictures
             .as_mut()

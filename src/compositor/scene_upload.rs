@@ -2,22 +2,24 @@
 
 use super::caster_hull::CasterHull;
 use super::cover::Corners;
+use super::exposure::stage::ExposedPasses;
 use super::gpu::Gpu;
 use super::pipelines::Pipelines;
 use super::reflections::NearbyScene;
 use super::scene_buffers::{SceneBuffers, SceneLayouts};
-use super::shaders::Variant;
+use super::shaders::{SceneNeeds, Variant};
 use super::surface_light::KeptLight;
 use crate::compiled::Device;
-use penumbra_scene::{Part, Scene, VirtualLightKind};
+use penumbra_scene::{Part, Scene};
 use penumbra_surface_cache::{CacheOptions, SurfaceCache};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// The light of the newest picture; `None` before the first.
 pub(crate) type NewestLight = Arc<Mutex<Option<KeptLight>>>;
 
-/// The variant of the newest picture; `None` before the first.
-pub(crate) type NewestVariant = Arc<Mutex<Option<Variant>>>;
+/// The variant of the newest picture, and whether it has passes in another exposure than the
+/// camera's; `None` before the passes are first compiled.
+pub(crate) type NewestVariant = Arc<Mutex<Option<(Variant, bool)>>>;
 
 /// Prepares scenes for [`crate::Compositor::show_scene`] of the compositor that returned it.
 #[derive(Clone)]
@@ -42,6 +44,7 @@ pub struct UploadedScene {
     pub(crate) cache: Option<SurfaceCache>,
     /// What glossy surfaces mirror, if there are any.
     pub(crate) nearby: Option<NearbyScene>,
+    pub(crate) needs: SceneNeeds,
 }
 
 impl SceneUploader {
@@ -58,7 +61,8 @@ impl SceneUploader {
         let boxes = details.map(|d| d.corners().copied()).collect();
         let casters = [&buffers.virtual_casters, &buffers.phantom_casters];
         let nearby = NearbyScene::new(scene);
-        self.compile(scene, nearby.is_some());
+        let needs = SceneNeeds::of(scene, nearby.is_some());
+        self.compile(needs);
         UploadedScene {
             device: device.clone(),
             hulls: casters.map(|c| CasterHull::around(&c.positions)),
@@ -66,29 +70,25 @@ impl SceneUploader {
             buffers,
             cache,
             nearby,
+            needs,
         }
     }
 }
 
 impl SceneUploader {
-    /// Compiles what the first frame with `scene` needs, so that it does not have to.
-    fn compile(&self, scene: &Scene, nearby: bool) {
-        let Some(known) = *lock(&self.variant) else {
+    /// Compiles what the first frame with a scene needs, so that it does not have to.
+    fn compile(&self, needs: SceneNeeds) {
+        let Some((known, is_exposed)) = *lock(&self.variant) else {
             return;
         };
-        let variant = Variant {
-            lamps: known.lamps || !scene.lamps.is_empty(),
-            areas: known.areas
-                || scene
-                    .lamps
-                    .iter()
-                    .any(|lamp| matches!(lamp.kind, VirtualLightKind::Area { .. })),
-            phong: known.phong || scene.has_phong(),
-            nearby: known.nearby || nearby,
-            ..known
-        };
-        if variant != known {
-            Pipelines::new(&self.gpu.device, &self.frame_layout, &self.layouts, variant);
+        let variant = known.with_scene(needs);
+        if variant == known {
+            return;
+        }
+        let device = &self.gpu.device;
+        Pipelines::new(device, &self.frame_layout, &self.layouts, variant);
+        if is_exposed {
+            ExposedPasses::new(device, &self.frame_layout, variant);
         }
     }
 

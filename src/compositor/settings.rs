@@ -16,9 +16,9 @@ pub struct CompositorSettings {
     pub cached: bool,
     /// Maximum number of pages of 16×16 texels on which light is kept.
     pub cache_pages: usize,
-    /// Whether kept light is renewed in the background: pictures never wait for it, but they are
-    /// not reproducible.
-    pub cache_in_background: bool,
+    /// Whether kept light is renewed and a new exposure compiled in the background: pictures never
+    /// wait for it, but they are not reproducible.
+    pub in_background: bool,
     /// Whether a picture by shadowing planes waits for the images of compact sources that have moved.
     pub waits_for_sources: bool,
     /// Pixels from one mirror ray to the next, 1, 2 or 4: what glossy surfaces reflect of their
@@ -41,7 +41,7 @@ impl CompositorSettings {
             soft_samples: if software { 1 } else { 8 },
             cached: software,
             cache_pages: 1500,
-            cache_in_background: false,
+            in_background: false,
             waits_for_sources: false,
             reflection_step: 2,
         }

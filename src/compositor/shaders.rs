@@ -8,6 +8,7 @@ use super::response_table::ENCODING;
 use penumbra_lighting::light::MAX_COMPACT_SOURCES;
 use penumbra_lighting::place::MAX_NEAR_LIGHTS;
 use penumbra_scene::lamps::MAX_LAMPS;
+use penumbra_scene::{Scene, VirtualLight, VirtualLightKind};
 
 const FRAME: &str = include_str!("shaders/lib/frame.wgsl");
 const NORMAL: &str = include_str!("shaders/lib/normal.wgsl");
@@ -76,6 +77,17 @@ impl Variant {
         self.cached && !self.lamps
     }
 
+    /// The variant that can show a scene, too.
+    pub const fn with_scene(self, needs: SceneNeeds) -> Self {
+        Self {
+            lamps: self.lamps || needs.lamps,
+            areas: self.areas || needs.areas,
+            phong: self.phong || needs.phong,
+            nearby: self.nearby || needs.nearby,
+            ..self
+        }
+    }
+
     /// One sample, hard shadows, nothing optional.
     pub const PLAIN: Self = Self {
         samples: 1,
@@ -89,6 +101,32 @@ impl Variant {
         vignetting: false,
         nearby: false,
     };
+}
+
+/// What a scene needs of shaders.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct SceneNeeds {
+    /// As in [`Variant`].
+    pub lamps: bool,
+    /// As in [`Variant`].
+    pub areas: bool,
+    /// As in [`Variant`].
+    pub phong: bool,
+    /// As in [`Variant`].
+    pub nearby: bool,
+}
+
+impl SceneNeeds {
+    /// What `scene` needs; `nearby`: whether it has a glossy surface.
+    pub fn of(scene: &Scene, nearby: bool) -> Self {
+        let is_area = |lamp: &VirtualLight| matches!(lamp.kind, VirtualLightKind::Area { .. });
+        Self {
+            lamps: !scene.lamps.is_empty(),
+            areas: scene.lamps.iter().any(is_area),
+            phong: scene.has_phong(),
+            nearby,
+        }
+    }
 }
 
 /// The shaders of a frame: name, and the parts of their text in order.

@@ -17,7 +17,7 @@
 
 use super::cube::{CubeGrid, sample};
 use super::light::{CompactSourceSpecular, CubeMap, MAX_COMPACT_SOURCES, MAX_LEVELS};
-use super::lobes::{Family, nearest_level, own_width, phong_exponent, widths};
+use super::lobes::{Family, own_width, phong_exponent, widths};
 use super::place::LightPlace;
 use super::sources::LUMINANCE;
 use glam::Vec3;
@@ -194,8 +194,10 @@ fn mirrored_disc(radius: f32, lobe: f32, [n, v, l]: [Vec3; 3]) -> f32 {
 #[derive(Clone, Copy, Debug)]
 pub struct CompleteMap<'a> {
     map: &'a CubeMap,
-    /// GGX's lobe of each level: its width, and the reciprocal of its integral.
+    /// Of each level from 1 on, GGX's lobe: its width, and the reciprocal of its integral.
     lobes: [(f32, f32); MAX_LEVELS],
+    /// Number of levels with lobes.
+    count: usize,
 }
 
 impl<'a> CompleteMap<'a> {
@@ -203,35 +205,38 @@ impl<'a> CompleteMap<'a> {
     #[must_use]
     pub fn new(map: &'a CubeMap) -> Self {
         let mut lobes = [(0.0, 0.0); MAX_LEVELS];
-        if !map.compact_sources.is_empty() {
-            let widths = widths(map.size, map.levels.len());
-            for (lobe, w) in lobes[1..].iter_mut().zip(widths) {
-                *lobe = (w, 1.0 / Family::Ggx.moments(w).0 as f32);
-            }
-            // What the map itself leaves out is as sharp as its next level.
-            lobes[0] = lobes[1];
+        let widths = widths(map.size, map.levels.len());
+        let count = widths.len().min(MAX_LEVELS);
+        for (lobe, w) in lobes.iter_mut().zip(widths) {
+            *lobe = (w, 1.0 / Family::Ggx.moments(w).0 as f32);
         }
-        Self { map, lobes }
+        Self { map, lobes, count }
     }
 
-    /// Returns the radiance from a direction, blurred by a lobe of approximately this `width`; what
-    /// the map's level leaves out by a lobe at least as wide as `least`.
+    /// Returns the radiance that arrives at a `point` (world, metres) from a direction, blurred by a
+    /// lobe of approximately this `width`; what the map's level leaves out by a lobe at least as wide
+    /// as `least`.
     #[must_use]
-    pub fn blurred(&self, direction: Vec3, width: f32, least: f32) -> Vec3 {
-        let level = nearest_level(self.map, width);
-        let wide = nearest_level(self.map, width.max(least));
-        let (w, norm) = self.lobes.get(wide).copied().unwrap_or_default();
-        let of = |g: &CompactSourceSpecular| {
-            let lobe = Family::Ggx.round(w, direction.dot(g.direction)) * norm;
-            g.flux * (g.weight(level as f32) * lobe)
+    pub fn blurred(&self, point: Vec3, direction: Vec3, width: f32, least: f32) -> Vec3 {
+        let level = self.nearest(width);
+        // What the map itself leaves out is as sharp as its next level.
+        let wide = self.nearest(width.max(least)).max(1);
+        let (w, norm) = self.lobes[wide - 1];
+        let of = |source: &CompactSourceSpecular| {
+            let source = source.seen_from(point);
+            let lobe = Family::Ggx.round(w, direction.dot(source.direction)) * norm;
+            source.flux * (source.weight(level as f32) * lobe)
         };
-        let sources = self
-            .map
-            .compact_sources
-            .iter()
-            .filter(|_| norm > 0.0)
-            .map(of);
-        sample(self.map, level, direction) + sources.sum::<Vec3>()
+        let sources = self.map.compact_sources.iter();
+        let sources: Vec3 = sources.filter(|_| self.count > 0).map(of).sum();
+        sample(self.map, level, direction) + sources
+    }
+
+    /// The level whose lobe is nearest in width; 0 without lobes.
+    fn nearest(&self, width: f32) -> usize {
+        let off = |k: &usize| (self.lobes[*k].0 / width).log2().abs();
+        let best = (0..self.count).min_by(|a, b| off(a).total_cmp(&off(b)));
+        best.map_or(0, |k| k + 1)
     }
 }
 
@@ -242,8 +247,8 @@ mod tests {
 
     const SIZE: u32 = 64;
 
-    /// Returns a uniform sky with a disc in it, and the disc's direction.
-    fn sky(radius: f32) -> (CubeGrid, Vec<Vec3>, Vec<Vec3>, Vec3) {
+    /// Returns a uniform sky with a disc in it, the sky without it, and where the disc is.
+    fn sky(radius: f32) -> (CubeGrid, [Vec<Vec3>; 2], [(Vec3, LightPlace); 1]) {
         let grid = CubeGrid::new(SIZE);
         let towards = Vec3::new(0.4, -0.3, 0.8).normalize();
         let without = vec![Vec3::splat(0.1); grid.directions.len()];
@@ -252,19 +257,16 @@ mod tests {
         let full = each
             .map(|d| Vec3::splat(if lit(d) { 50.0 } else { 0.1 }))
             .collect();
-        (grid, full, without, towards)
+        (grid, [full, without], [(towards, LightPlace::FAR)])
+    }
+
+    fn all_widths() -> Vec<f32> {
+        widths(SIZE, level_count(SIZE)).collect()
     }
 
     fn found(radius: f32) -> (CubeMap, Vec<Excess>) {
-        let (grid, full, without, towards) = sky(radius);
-        let widths = widths(SIZE, level_count(SIZE));
-        let sources = excesses(
-            &grid,
-            &full,
-            &without,
-            &[(towards, LightPlace::FAR)],
-            &widths,
-        );
+        let (grid, [full, without], disc) = sky(radius);
+        let sources = excesses(&grid, &full, &without, &disc, &all_widths());
         (Prefilter::new(SIZE).apply_without(&full, &sources), sources)
     }
 
@@ -282,14 +284,14 @@ mod tests {
                 (source.radius / radius - 1.0).abs() < 0.15,
                 "{radius}: {source:?}"
             );
-            assert!(source.direction.dot(sky(radius).3) > 0.9999);
+            assert!(source.direction.dot(sky(radius).2[0].0) > 0.9999);
         }
     }
 
     #[test]
     fn levels_leave_out_the_flux_of_sources() {
         let (map, sources) = found(0.1);
-        let all = Prefilter::new(SIZE).apply(&sky(0.1).1);
+        let all = Prefilter::new(SIZE).apply(&sky(0.1).1[0]);
         let mean = super::super::prefilter::level_mean;
         for level in 1..map.levels.len() {
             let removed = mean(&all, level).x - mean(&map, level).x;
@@ -306,7 +308,7 @@ mod tests {
     #[test]
     fn level_with_its_sources_equals_complete_level() {
         let (map, sources) = found(0.06);
-        let all = Prefilter::new(SIZE).apply(&sky(0.06).1);
+        let all = Prefilter::new(SIZE).apply(&sky(0.06).1[0]);
         let (there, beside) = (sources[0].source.direction, Vec3::new(-0.2, 0.6, 0.7));
         for width in [0.3, 0.5, 1.0] {
             for d in [
@@ -314,14 +316,45 @@ mod tests {
                 (there + beside * 0.3).normalize(),
                 beside.normalize(),
             ] {
-                let ours = CompleteMap::new(&map).blurred(d, width, 0.0).x;
-                let truth = CompleteMap::new(&all).blurred(d, width, 0.0).x;
+                let ours = CompleteMap::new(&map).blurred(Vec3::ZERO, d, width, 0.0).x;
+                let truth = CompleteMap::new(&all).blurred(Vec3::ZERO, d, width, 0.0).x;
                 assert!(
                     (ours / truth - 1.0).abs() < 0.1,
                     "{width} {d}: {ours} {truth}"
                 );
             }
         }
+    }
+
+    #[test]
+    fn near_source_is_blurred_where_the_point_sees_it() {
+        let (grid, [full, without], [(towards, _)]) = sky(0.1);
+        let place = LightPlace {
+            reference: Vec3::ZERO,
+            inverse_distance: 0.5,
+        };
+        let found = excesses(&grid, &full, &without, &[(towards, place)], &all_widths());
+        let map = Prefilter::new(SIZE).apply_without(&full, &found);
+        let complete = CompleteMap::new(&map);
+        let point = Vec3::new(0.5, 0.5, 0.0);
+        let there = (towards * 2.0 - point).normalize();
+        let lit = |d| complete.blurred(point, d, 0.1, 0.0).x;
+        assert!(
+            lit(there) > 5.0 * lit(towards),
+            "{} {}",
+            lit(there),
+            lit(towards)
+        );
+        let from_centre = complete.blurred(Vec3::ZERO, towards, 0.1, 0.0).x;
+        let nearer = 4.0 / (towards * 2.0).distance_squared(point);
+        assert!((lit(there) / (from_centre * nearer) - 1.0).abs() < 0.1);
+    }
+
+    #[test]
+    fn map_without_levels_is_dark() {
+        let map = CubeMap::default();
+        let found = CompleteMap::new(&map).blurred(Vec3::ZERO, Vec3::X, 0.1, 0.0);
+        assert_eq!(found, Vec3::ZERO);
     }
 
     #[test]
@@ -335,21 +368,13 @@ mod tests {
 
     #[test]
     fn weak_sources_remain_in_map() {
-        let (grid, full, without, towards) = sky(0.05);
+        let (grid, [full, without], disc) = sky(0.05);
         let dimmed = |share: f32| -> Vec<Vec3> {
             let pairs = full.iter().zip(&without);
             pairs.map(|(a, b)| b.lerp(*a, share)).collect()
         };
-        let widths = widths(SIZE, level_count(SIZE));
-        let found = |share| {
-            excesses(
-                &grid,
-                &dimmed(share),
-                &without,
-                &[(towards, LightPlace::FAR)],
-                &widths,
-            )
-        };
+        let widths = all_widths();
+        let found = |share| excesses(&grid, &dimmed(share), &without, &disc, &widths);
         assert!(found(0.005).is_empty());
         let (weak, strong) = (
             found(0.035)[0].source.weights[4],
@@ -360,18 +385,9 @@ mod tests {
 
     #[test]
     fn uniform_sky_has_no_sources() {
-        let (grid, _, without, towards) = sky(0.1);
-        let widths = widths(SIZE, level_count(SIZE));
-        assert!(
-            excesses(
-                &grid,
-                &without,
-                &without,
-                &[(towards, LightPlace::FAR)],
-                &widths
-            )
-            .is_empty()
-        );
+        let (grid, [_, without], disc) = sky(0.1);
+        let widths = all_widths();
+        assert!(excesses(&grid, &without, &without, &disc, &widths).is_empty());
         assert!(excesses(&grid, &without, &without, &[], &widths).is_empty());
     }
 }

@@ -29,7 +29,6 @@
 //! | [`Family::Ggx`] | D·F·G / (4 n·l n·v), GGX with height-correlated Smith masking (Heitz 2014), w = α = roughness² | that BRDF at v = n: D(h)·G₁(l), cosθ > 0 |
 //! | [`Family::Phong`] | (e + 2) / 2π · cosᵉ∠(l, r), r the mirror direction (Lafortune & Willems 1994) | cos^m θ, m = 1/w² |
 
-use super::light::CubeMap;
 use glam::{DVec3, Vec3};
 use std::f64::consts::{FRAC_PI_2, TAU};
 use std::sync::LazyLock;
@@ -287,12 +286,11 @@ fn phong_sums(n_dot_v: f64, exponent: f64) -> Sums {
 
 /// Returns the widths for which a map of `size` texels along a side is prefiltered, levels 1 to
 /// `levels` − 1: in equal ratios up to 1, the narrowest slightly more than a texel wide.
-#[must_use]
-pub fn widths(size: u32, levels: usize) -> Vec<f32> {
+pub fn widths(size: u32, levels: usize) -> impl ExactSizeIterator<Item = f32> {
     let lobes = levels.saturating_sub(1);
     let narrowest = (NARROWEST_TEXELS / size as f32).min(0.5);
-    let step = |k: usize| (lobes - k) as f32 / lobes.saturating_sub(1).max(1) as f32;
-    (1..=lobes).map(|k| narrowest.powf(step(k))).collect()
+    let step = move |k: usize| (lobes - k) as f32 / lobes.saturating_sub(1).max(1) as f32;
+    (0..lobes).map(move |k| narrowest.powf(step(k + 1)))
 }
 
 /// Width of the narrowest lobe times the texels of a side, radians: 0.03 for 128.
@@ -350,15 +348,6 @@ impl Levels {
         });
         (up / down.max(1e-30)).clamp(0.0, 1.0) as f32
     }
-}
-
-/// Returns the level of a map whose lobe is nearest in width.
-#[must_use]
-pub fn nearest_level(map: &CubeMap, width: f32) -> usize {
-    let off = |w: &f32| (w / width).log2().abs();
-    let all = widths(map.size, map.levels.len());
-    let best = (0..all.len()).min_by(|a, b| off(&all[*a]).total_cmp(&off(&all[*b])));
-    best.map_or(0, |k| k + 1)
 }
 
 /// Returns the solid angle of a round lobe of width `w`, its integral over its peak, steradians.
@@ -471,7 +460,7 @@ mod tests {
     fn levels_increase_with_width_and_match_their_own_lobes() {
         for family in [Family::Ggx, Family::Phong] {
             let levels = Levels::new(family, 128, 6);
-            for (w, k) in widths(128, 6).into_iter().zip(1..) {
+            for (w, k) in widths(128, 6).zip(1..) {
                 assert!((levels.level(w) - k as f32).abs() < 1e-3, "{family:?} {w}");
             }
             let all: Vec<f32> = (0..200)
@@ -482,6 +471,5 @@ mod tests {
         }
         // Maps too small for lobes, and an empty map.
         assert_eq!(Levels::new(Family::Ggx, 1, 1).level(0.5), 0.0);
-        assert_eq!(nearest_level(&CubeMap::default(), 0.1), 0);
     }
 }

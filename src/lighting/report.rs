@@ -1,8 +1,6 @@
 //! The estimated light as files: `penumbra light`.
 
 use super::ClippedEnergy;
-use super::cube::CubeGrid;
-use super::dome::ground_irradiance;
 use super::equirect::{Equirect, preview};
 use super::estimator::EnvironmentEstimator;
 use super::hdr::Bracket;
@@ -441,22 +439,4 @@ fn write_error(path: &Path, reason: impl std::fmt::Display) -> LightReportError 
         path: path.to_owned(),
         reason: reason.to_string(),
     }
-}
-
-/// Returns the irradiance on level ground of a radiance map's upper hemisphere, and of the sources
-/// that the map leaves out.
-#[must_use]
-pub fn ground_irradiance_of(lighting: &Lighting) -> Vec3 {
-    let grid = CubeGrid::new(lighting.radiance.size);
-    let texels: Vec<Vec3> = lighting
-        .radiance
-        .levels
-        .first()
-        .map(|level| level.iter().map(|t| Vec3::from(*t)).collect())
-        .unwrap_or_default();
-    let sources = lighting.radiance.compact_sources.iter();
-    let left_out: Vec3 = sources
-        .map(|source| source.flux * (source.weights[0] * source.direction.z.max(0.0)))
-        .sum();
-    ground_irradiance(&texels, &grid) + left_out
 }

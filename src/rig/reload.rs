@@ -3,8 +3,7 @@
 
 use crate::error::RigError;
 use crate::light::scene_tables::SceneLight;
-use crate::objects::ObjectEditor;
-use crate::scene_origin::{RigScenes, SavedScene, SceneOrigin};
+use crate::scene_origin::{NewestScene, SceneOrigin};
 use crossbeam_channel::{Receiver, RecvTimeoutError, Sender, bounded};
 use penumbra_compositor::{Compositor, SceneUploader, UploadedScene};
 use penumbra_config::Config;
@@ -35,21 +34,11 @@ pub(super) struct Loaded {
     pub origin: SceneOrigin,
 }
 
-/// A user's request.
-pub(super) enum SceneJob {
-    /// Another scene is to be shown.
-    Show {
-        origin: SceneOrigin,
-        /// Receives why it cannot be shown.
-        answer: Sender<Result<(), String>>,
-    },
-    /// The scene is to be saved with its objects where they are.
-    Save {
-        /// Name of its file without the ending.
-        stem: String,
-        /// Receives the content of its files, or why there is none.
-        answer: Sender<Result<SavedScene, String>>,
-    },
+/// A user's request to show another scene.
+pub(super) struct ShowRequest {
+    pub origin: SceneOrigin,
+    /// Receives why it cannot be shown.
+    pub answer: Sender<Result<(), String>>,
 }
 
 impl Loaded {
@@ -81,14 +70,9 @@ pub(super) enum ReloadOutcome {
 
 /// Inputs of the reload thread.
 pub(super) struct Origin {
-    /// What the scene is read from.
-    pub scene: SceneOrigin,
+    pub newest: Arc<NewestScene>,
     /// Users' requests.
-    pub jobs: Receiver<SceneJob>,
-    /// Displaces the objects.
-    pub editor: Arc<ObjectEditor>,
-    /// The scenes of the rig's own files.
-    pub rig_scenes: RigScenes,
+    pub requests: Receiver<ShowRequest>,
     /// The scene that was loaded last.
     pub shown: Arc<Scene>,
     pub rig: RigCalibration,
@@ -123,7 +107,7 @@ impl Reload {
                 intervals = intervals.wrapping_add(1);
                 let polls = intervals.is_multiple_of(FILES_EVERY);
                 let changed = polls.then(|| watcher.poll()).flatten();
-                let changed = changed.or_else(|| watcher.poll_jobs());
+                let changed = changed.or_else(|| watcher.poll_requests());
                 if let Some(outcome) = changed.or_else(|| watcher.poll_edits())
                     && sender.send(outcome).is_err()
                 {
@@ -177,7 +161,7 @@ struct FileWatcher {
 
 impl FileWatcher {
     fn new(origin: Origin) -> Self {
-        let files = origin.scene.files();
+        let files = origin.newest.origin().files();
         let stamps = stamps(&files);
         Self {
             origin,
@@ -197,69 +181,42 @@ impl FileWatcher {
             return None;
         }
         self.remember_files();
-        let outcome = self.load(self.origin.scene.clone());
+        let outcome = self.load(self.origin.newest.origin());
         Some(outcome.unwrap_or_else(|error| ReloadOutcome::Failed(error.to_string())))
     }
 
     /// Remembers the files of the scene as they are now.
     fn remember_files(&mut self) {
-        self.files = self.origin.scene.files();
+        self.files = self.origin.newest.origin().files();
         self.read = stamps(&self.files);
         self.polled.clone_from(&self.read);
     }
 
-    /// Carries out a user's request.
-    fn poll_jobs(&mut self) -> Option<ReloadOutcome> {
-        match self.origin.jobs.try_recv().ok()? {
-            SceneJob::Show { origin, answer } => self.show(origin, &answer),
-            SceneJob::Save { stem, answer } => {
-                let Origin {
-                    scene,
-                    rig_scenes,
-                    editor,
-                    ..
-                } = &self.origin;
-                let saved = scene.saved(rig_scenes, &editor.displacements(), &stem);
-                let _ = answer.send(saved);
-                None
-            }
-        }
-    }
-
     /// Prepares the scene that a user has chosen; from then on its files are polled.
-    fn show(
-        &mut self,
-        origin: SceneOrigin,
-        answers: &Sender<Result<(), String>>,
-    ) -> Option<ReloadOutcome> {
-        let (answer, outcome) = match self.load(origin.clone()) {
+    fn poll_requests(&mut self) -> Option<ReloadOutcome> {
+        let ShowRequest { origin, answer } = self.origin.requests.try_recv().ok()?;
+        let (result, outcome) = match self.load(origin) {
             Ok(outcome) => {
-                self.origin.scene = origin;
                 self.remember_files();
                 (Ok(()), Some(outcome))
             }
             Err(error) => (Err(error.to_string()), None),
         };
         // Whoever has asked may have stopped waiting; then the status shows the reason.
-        let unheard = answers
-            .send(answer)
-            .err()
-            .and_then(|e| e.into_inner().err());
+        let unheard = answer.send(result).err().and_then(|e| e.into_inner().err());
         outcome.or_else(|| unheard.map(ReloadOutcome::Failed))
     }
 
     /// Prepares the scene with the newest places of its objects, if they have changed.
     fn poll_edits(&mut self) -> Option<ReloadOutcome> {
-        let (number, scene) = self.origin.editor.newer_than(self.edits)?;
+        let (number, scene) = self.origin.newest.editor.newer_than(self.edits)?;
         self.edits = number;
-        let outcome = self.prepare(scene, self.origin.scene.clone(), true);
+        let outcome = self.prepare(scene, self.origin.newest.origin(), true);
         Some(outcome.unwrap_or_else(|error| ReloadOutcome::Failed(error.to_string())))
     }
 
     fn load(&mut self, origin: SceneOrigin) -> Result<ReloadOutcome, RigError> {
-        let scene = origin.load(&self.origin.rig_scenes)?;
-        let keeps_edits = origin == self.origin.scene;
-        let (number, scene) = self.origin.editor.set_base(Arc::new(scene), keeps_edits);
+        let (number, scene) = self.origin.newest.load(origin.clone())?;
         self.edits = number;
         self.prepare(scene, origin, false)
     }

@@ -133,7 +133,7 @@ fn start(
     };
     std::thread::scope(|scope| {
         let starting = std::thread::Builder::new()
-            .name("prepare".to_owned())
+            .name("start".to_owned())
             .spawn_scoped(scope, prepare)
             .map_err(|source| RigError::Thread { source })?;
         let run = Run::new(context, gpu.clone(), outputs, scene_updates)?;

@@ -1,8 +1,8 @@
 //! The folder of scene files and models: lists it, shows its files, takes uploads, and saves the shown
 //! scene. Nothing outside of the folder is written or read for an upload, and no file is overwritten.
 
-use crate::reload::SceneJob;
-use crate::scene_origin::{SavedScene, SceneOrigin};
+use crate::reload::ShowRequest;
+use crate::scene_origin::{NewestScene, SavedScene, SceneOrigin};
 use crate::wall_date::utc_now;
 use crossbeam_channel::{Sender, TrySendError, bounded};
 use penumbra_config::Config;
@@ -36,28 +36,28 @@ pub(super) struct ScenesOnDisk {
     max_upload_bytes: u64,
     /// Why no scene can be shown.
     closed: Option<String>,
-    /// Whether the rig has a scene of its own.
-    has_own: bool,
-    jobs: Sender<SceneJob>,
+    newest: Arc<NewestScene>,
+    requests: Sender<ShowRequest>,
     /// Held while a file is checked and stored.
     storing: Mutex<()>,
     status: Arc<SharedStatus>,
 }
 
 impl ScenesOnDisk {
-    /// Hands requests to `jobs`.
+    /// Hands requests to `requests`; `closed` tells why no scene can be shown.
     pub fn new(
         config: &Config,
         status: &Arc<SharedStatus>,
-        (closed, has_own): (Option<String>, bool),
-        jobs: Sender<SceneJob>,
+        closed: Option<String>,
+        newest: Arc<NewestScene>,
+        requests: Sender<ShowRequest>,
     ) -> Arc<Self> {
         Arc::new(Self {
             folder: config.scene_folder(),
             max_upload_bytes: config.scene_files.max_upload_bytes,
             closed,
-            has_own,
-            jobs,
+            newest,
+            requests,
             storing: Mutex::default(),
             status: Arc::clone(status),
         })
@@ -67,7 +67,7 @@ impl ScenesOnDisk {
     fn origin(&self, show: &str) -> Result<SceneOrigin, SceneRefusal> {
         match show {
             "none" => return Ok(SceneOrigin::Nothing),
-            "session" if self.has_own => return Ok(SceneOrigin::Session),
+            "session" if self.newest.rig_scenes.has_own() => return Ok(SceneOrigin::Session),
             "session" => return Err(refusal("the session has no virtual object")),
             _ => (),
         }
@@ -84,11 +84,13 @@ impl ScenesOnDisk {
     }
 
     /// Hands a request to the thread of the scene.
-    fn request(&self, job: SceneJob) -> Result<(), SceneRefusal> {
-        self.jobs.try_send(job).map_err(|error| match error {
-            TrySendError::Full(_) => refusal("another scene is being loaded; try again"),
-            TrySendError::Disconnected(_) => refusal("the rig has ended"),
-        })
+    fn request(&self, request: ShowRequest) -> Result<(), SceneRefusal> {
+        self.requests
+            .try_send(request)
+            .map_err(|error| match error {
+                TrySendError::Full(_) => refusal("another scene is being loaded; try again"),
+                TrySendError::Disconnected(_) => refusal("the rig has ended"),
+            })
     }
 
     /// Writes a saved scene; the model first, because the scene file names it.
@@ -152,7 +154,7 @@ impl SceneControl for ScenesOnDisk {
             folder: self.folder.display().to_string(),
             closed: self.closed.clone(),
             max_upload_bytes: self.max_upload_bytes,
-            session: self.has_own,
+            session: self.newest.rig_scenes.has_own(),
             files,
             left_out,
         }
@@ -168,7 +170,7 @@ impl SceneControl for ScenesOnDisk {
         }
         let (answer, answered) = bounded(1);
         let origin = self.origin(&request.show)?;
-        self.request(SceneJob::Show { origin, answer })?;
+        self.request(ShowRequest { origin, answer })?;
         let loading = match answered.recv_timeout(LOAD_WAIT) {
             Ok(Ok(())) => false,
             Ok(Err(reason)) => {
@@ -193,13 +195,7 @@ impl SceneControl for ScenesOnDisk {
     fn save(&self, request: &SaveRequest) -> Result<SceneAnswer, SceneRefusal> {
         let name = request.file.clone().unwrap_or_else(name_by_date);
         let stem = name.strip_suffix(".toml").unwrap_or(&name).to_owned();
-        let (answer, answered) = bounded(1);
-        self.request(SceneJob::Save {
-            stem: stem.clone(),
-            answer,
-        })?;
-        let scene = answered.recv_timeout(LOAD_WAIT);
-        let scene = scene.map_err(|_| refusal("another scene is being loaded; try again"))?;
+        let scene = self.newest.saved(&stem);
         let scene = scene.map_err(|reason| SceneRefusal::Content { reason })?;
         self.write(&name, &stem, &scene)?;
         Ok(SceneAnswer {

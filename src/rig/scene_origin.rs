@@ -1,6 +1,7 @@
 //! What the shown scene is read from: a scene file, a model, or the rig's own files.
 
 use crate::error::RigError;
+use crate::objects::ObjectEditor;
 use crate::setup::rig_document;
 use crate::source::{RigFiles, Source};
 use bytes::Bytes;
@@ -10,6 +11,7 @@ use penumbra_rig_model::RigDocument;
 use penumbra_scene::scene_file::{displaced_text, files_of, files_of_model, model_text};
 use penumbra_scene::{Scene, SceneAddition, SceneChoice, z_up_from_y_up};
 use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// What the shown scene is read from.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -81,7 +83,7 @@ impl SceneOrigin {
     ///
     /// # Errors
     /// The message for the user: the scene cannot be stated by a scene file.
-    pub fn saved(
+    fn saved(
         &self,
         rig: &RigScenes,
         displacements: &[DMat4],
@@ -106,6 +108,57 @@ impl SceneOrigin {
                 saved(&path.display().to_string(), &text, displacements)
             }
         }
+    }
+}
+
+/// The newest scene: what it is read from, and where users have put its objects. It is saved from
+/// here while another thread prepares it, because that can take seconds.
+pub(super) struct NewestScene {
+    origin: Mutex<SceneOrigin>,
+    /// The scenes of the rig's own files.
+    pub rig_scenes: RigScenes,
+    /// Displaces the objects.
+    pub editor: Arc<ObjectEditor>,
+}
+
+impl NewestScene {
+    pub fn new(origin: SceneOrigin, rig_scenes: RigScenes, editor: Arc<ObjectEditor>) -> Self {
+        Self {
+            origin: Mutex::new(origin),
+            rig_scenes,
+            editor,
+        }
+    }
+
+    pub fn origin(&self) -> SceneOrigin {
+        self.lock().clone()
+    }
+
+    /// Reads the scene of `origin` and makes it the newest; returns it with its objects where users
+    /// have put them, and the number of their newest change.
+    ///
+    /// # Errors
+    /// A file cannot be read or is invalid; the previous scene stays.
+    pub fn load(&self, origin: SceneOrigin) -> Result<(u64, Arc<Scene>), RigError> {
+        let scene = Arc::new(origin.load(&self.rig_scenes)?);
+        let mut newest = self.lock();
+        let keeps_edits = origin == *newest;
+        *newest = origin;
+        Ok(self.editor.set_base(scene, keeps_edits))
+    }
+
+    /// Returns the files that state the scene; see [`SceneOrigin::saved`].
+    ///
+    /// # Errors
+    /// The message for the user: the scene cannot be stated by a scene file.
+    pub fn saved(&self, stem: &str) -> Result<SavedScene, String> {
+        let newest = self.lock();
+        let displacements = self.editor.displacements();
+        newest.saved(&self.rig_scenes, &displacements, stem)
+    }
+
+    fn lock(&self) -> MutexGuard<'_, SceneOrigin> {
+        self.origin.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 

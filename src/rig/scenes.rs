@@ -5,9 +5,9 @@ use crate::error::RigError;
 use crate::light::updates::SceneUpdates;
 use crate::objects::{self, ObjectEditor};
 use crate::planes::PlaneBakes;
-use crate::reload::{Loaded, Origin, Reload, ReloadOutcome, SceneJob};
+use crate::reload::{Loaded, Origin, Reload, ReloadOutcome, ShowRequest};
 use crate::scene_folder::ScenesOnDisk;
-use crate::scene_origin::{RigScenes, SceneOrigin};
+use crate::scene_origin::{NewestScene, RigScenes, SceneOrigin};
 use crate::status::UNCALIBRATED;
 use crossbeam_channel::{Receiver, bounded};
 use glam::DQuat;
@@ -49,11 +49,10 @@ impl Scenes {
         let origin = SceneOrigin::of(&context.config.scene);
         status.file = origin.label();
         let rig_scenes = RigScenes::new(&context.source, &context.config)?;
+        let newest = Arc::new(NewestScene::new(origin, rig_scenes, editor.clone()));
         let reload = Reload::start(Origin {
-            scene: origin,
-            jobs: scene_jobs(context, &rig_scenes),
-            editor: editor.clone(),
-            rig_scenes,
+            requests: show_requests(context, &newest),
+            newest,
             shown: shown.clone(),
             rig: context.setup.calibration.clone(),
             config: context.config.clone(),
@@ -166,13 +165,13 @@ impl Scenes {
 }
 
 /// Offers the folder of scenes to users; returns their requests.
-fn scene_jobs(context: &RunContext, rig_scenes: &RigScenes) -> Receiver<SceneJob> {
-    let (sender, jobs) = bounded(1);
+fn show_requests(context: &RunContext, newest: &Arc<NewestScene>) -> Receiver<ShowRequest> {
+    let (sender, requests) = bounded(1);
     let closed = (!context.setup.calibrated).then(|| UNCALIBRATED.to_owned());
-    let own = (closed, rig_scenes.has_own());
-    let folder = ScenesOnDisk::new(&context.config, &context.status, own, sender);
+    let (config, status) = (&context.config, &context.status);
+    let folder = ScenesOnDisk::new(config, status, closed, Arc::clone(newest), sender);
     context.status.set_scene_control(folder);
-    jobs
+    requests
 }
 
 /// Creates the editor of the objects' places and hands requests to it.

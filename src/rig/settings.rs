@@ -88,7 +88,7 @@ pub(super) fn compositor_settings(
         } else {
             1
         },
-        cache_in_background: !reproducible,
+        in_background: !reproducible,
         ..automatic
     }
 }

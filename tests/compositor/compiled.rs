@@ -3,8 +3,9 @@
 use crate::stage::{Stage, camera, gpu, lighting, part, spiral};
 use glam::{DVec3, Vec3};
 use penumbra_camera::RollingShutter;
-use penumbra_compositor::Gpu;
+use penumbra_compositor::{Exposure, Gpu};
 use penumbra_scene::{Scene, VirtualLight, VirtualLightKey, VirtualLightKind, casters, primitives};
+use std::time::{Duration, Instant};
 
 /// A device on which nothing was compiled yet.
 fn fresh_gpu() -> Gpu {
@@ -56,6 +57,61 @@ fn first_lamp_of_an_uploaded_scene_is_compiled_before_it_is_shown() {
     let lit = stage.compose_with(&mut compositor);
     assert!(lit != dark);
     assert_eq!(device.device.pipelines_compiled(), after_upload);
+}
+
+#[test]
+fn first_lamp_is_compiled_in_an_exposure_too_after_compiling_ahead() {
+    let mut stage = stage();
+    stage.exposure = Exposure::Stops(-1.0);
+    let device = fresh_gpu();
+    let mut compositor = stage.compositor_on(device.clone());
+    compositor.compile(false, false);
+    stage.compose_with(&mut compositor);
+    let scene = Scene {
+        lamps: vec![lamp()],
+        ..stage.scene.clone()
+    };
+    let uploaded = compositor.uploader().upload(&scene, &casters(&scene));
+    let after_upload = device.device.pipelines_compiled();
+    compositor.show_scene(uploaded);
+    scene.lamps_at(0.0, &mut stage.lamps);
+    stage.compose_with(&mut compositor);
+    assert_eq!(device.device.pipelines_compiled(), after_upload);
+}
+
+#[test]
+fn lamp_of_the_first_scene_is_compiled_ahead() {
+    let mut stage = stage();
+    stage.scene.lamps = vec![lamp()];
+    stage.scene.lamps_at(0.0, &mut stage.lamps);
+    let device = fresh_gpu();
+    let mut compositor = stage.compositor_on(device.clone());
+    compositor.compile(false, false);
+    let compiled = device.device.pipelines_compiled();
+    stage.compose_with(&mut compositor);
+    assert_eq!(device.device.pipelines_compiled(), compiled);
+}
+
+#[test]
+fn new_exposure_is_shown_once_it_is_compiled_and_no_picture_waits() {
+    let mut stage = stage();
+    stage.settings.in_background = true;
+    let device = fresh_gpu();
+    let mut compositor = stage.compositor_on(device);
+    let own = stage.compose_with(&mut compositor);
+    stage.exposure = Exposure::Stops(-1.0);
+    let meanwhile = stage.compose_with(&mut compositor);
+    assert_eq!(compositor.exposure().stops, 0.0);
+    assert_eq!(compositor.exposure().target, -1.0);
+    assert!(meanwhile == own);
+    let deadline = Instant::now() + Duration::from_secs(60);
+    let mut shown = meanwhile;
+    while shown == own && Instant::now() < deadline {
+        shown = stage.compose_with(&mut compositor);
+    }
+    assert_eq!(compositor.exposure().stops, -1.0);
+    stage.settings.in_background = false;
+    assert!(shown == stage.compose_with(&mut stage.compositor_on(fresh_gpu())));
 }
 
 #[test]

@@ -136,7 +136,7 @@ fn separated_window(size: u32, place: LightPlace) -> CubeMap {
         .map(|l| if l.x > 1.1 { *l - 1.5 } else { *l })
         .collect();
     let window = [(Vec3::new(0.5, -0.6, 0.6).normalize(), place)];
-    let widths = widths(size, level_count(size));
+    let widths: Vec<f32> = widths(size, level_count(size)).collect();
     let sources = excesses(&grid, &full, &without, &window, &widths);
     assert_eq!(sources.len(), 1);
     let prefilter = Prefilter::new(size).with_phong(true);

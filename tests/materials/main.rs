@@ -70,7 +70,7 @@ fn chain(map: &[Vec3]) -> CubeMap {
         without[*i as usize] -= *flux / grid.solid_angles[*i as usize];
     }
     let far: Vec<_> = (sources.iter().map(|s| (s.direction, LightPlace::FAR))).collect();
-    let widths = widths(SIZE, level_count(SIZE));
+    let widths: Vec<f32> = widths(SIZE, level_count(SIZE)).collect();
     PREFILTER.apply_without(map, &excesses(&grid, map, &without, &far, &widths))
 }
 

@@ -16,7 +16,9 @@ use super::control::{AutoLimits, Follower};
 use super::meter::Meter;
 use super::region::Region;
 use penumbra_camera::Response;
+use penumbra_interface::threads;
 use penumbra_scene::Highlights;
+use std::thread::JoinHandle;
 
 /// The passes of exposures other than the camera's. While only the camera's own is requested, it
 /// holds nothing and records nothing.
@@ -28,14 +30,31 @@ pub struct ExposureStage {
     /// Whether the next frame is measured.
     is_metering: bool,
     passes: Option<Box<ExposedPasses>>,
+    /// The thread that compiles them, and for which variant.
+    compiling: Option<(JoinHandle<ExposedPasses>, Variant)>,
     highlights: Highlights,
 }
 
 /// The passes that draw pictures in another exposure.
-struct ExposedPasses {
+pub struct ExposedPasses {
     exposure: ExposurePass,
     surroundings: SurroundingsPass,
     composite: CompositePass,
+}
+
+impl ExposedPasses {
+    /// Compiles them; `frame` is the layout that passes share.
+    pub fn new(device: &Device, frame: &wgpu::BindGroupLayout, variant: Variant) -> Self {
+        let variant = Variant {
+            exposed: true,
+            ..variant
+        };
+        Self {
+            exposure: ExposurePass::new(device),
+            surroundings: SurroundingsPass::new(device, frame, variant),
+            composite: CompositePass::new(device, frame, variant),
+        }
+    }
 }
 
 /// How shadows and virtual lights change the picture that the meter measures.
@@ -117,21 +136,37 @@ impl ExposureStage {
     }
 
     /// Compiles the passes if they are needed now or, for an automatic exposure, soon: compiling
-    /// takes longer than a frame.
-    pub fn compile(&mut self, device: &Device, frame: &wgpu::BindGroupLayout, variant: Variant) {
+    /// takes longer than a frame. `in_background`, on a thread: until it has ended, the picture stays
+    /// in the camera's own exposure.
+    pub fn compile(
+        &mut self,
+        device: &Device,
+        frame: &wgpu::BindGroupLayout,
+        variant: Variant,
+        in_background: bool,
+    ) {
         let needed = self.is_changed() || self.follower.is_some();
         if !needed || self.passes.is_some() {
             return;
         }
-        let variant = Variant {
-            exposed: true,
-            ..variant
-        };
-        self.passes = Some(Box::new(ExposedPasses {
-            exposure: ExposurePass::new(device),
-            surroundings: SurroundingsPass::new(device, frame, variant),
-            composite: CompositePass::new(device, frame, variant),
-        }));
+        self.compiling
+            .take_if(|(thread, of)| *of != variant && thread.is_finished());
+        if in_background && self.compiling.is_none() {
+            let (device, frame) = (device.clone(), frame.clone());
+            let compile = move || ExposedPasses::new(&device, &frame, variant);
+            let thread = threads::spawn("exposure", compile);
+            self.compiling = thread.ok().map(|thread| (thread, variant));
+        }
+        if self.compiling.as_ref().is_some_and(|c| !c.0.is_finished()) {
+            self.active.stops = 0.0;
+            return;
+        }
+        let compiled = self
+            .compiling
+            .take()
+            .and_then(|(thread, _)| thread.join().ok());
+        let compiled = compiled.unwrap_or_else(|| ExposedPasses::new(device, frame, variant));
+        self.passes = Some(Box::new(compiled));
     }
 
     /// Uploads the uniforms of the next frame, whose picture is `height` pixels high.
@@ -203,6 +238,14 @@ impl ExposureStage {
     pub fn submitted(&mut self, index: &wgpu::SubmissionIndex) {
         if let Some(meter) = &mut self.meter {
             meter.submitted(index);
+        }
+    }
+}
+
+impl Drop for ExposureStage {
+    fn drop(&mut self) {
+        if let Some((thread, _)) = self.compiling.take() {
+            let _ = thread.join();
         }
     }
 }

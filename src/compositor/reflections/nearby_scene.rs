@@ -268,7 +268,7 @@ impl NearbyScene {
             distance: hits.distance[i],
             normal,
             shading_normal: facing(between.normalize_or(normal), normal),
-            curvature: face.curvature,
+            curvature: face.curvature * world_from_normal.x_axis.length(),
             surface: &self.surfaces[face.surface as usize],
         })
     }

@@ -217,8 +217,9 @@ impl<'a> NearbyLight<'a> {
         share.unwrap_or(Vec3::ONE)
     }
 
-    /// Radiance from far away, blurred by a lobe of about `width`; that of lamps by `spread` at least.
-    pub fn sky(&self, direction: Vec3, width: f32, spread: f32) -> Vec3 {
-        self.sky.blurred(direction, width, spread)
+    /// Radiance of the environment that arrives at `p`, blurred by a lobe of about `width`; that of
+    /// lamps by `spread` at least.
+    pub fn sky(&self, p: Vec3, direction: Vec3, width: f32, spread: f32) -> Vec3 {
+        self.sky.blurred(p, direction, width, spread)
     }
 }

@@ -71,11 +71,6 @@ impl ReflectionsStage {
         self.picture = picture(&self.device, (1, 1));
     }
 
-    /// Whether anything is glossy.
-    pub const fn is_active(&self) -> bool {
-        self.scene.is_some()
-    }
-
     /// Moves a moving virtual part to `world`.
     pub fn place(&mut self, part: usize, world: DMat4) {
         if let Some(scene) = &mut self.scene {

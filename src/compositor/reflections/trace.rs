@@ -247,8 +247,8 @@ struct Second {
     direction: Vec3,
     origin: Vec3,
     width: f32,
-    /// Half the angle to what the rays of neighbouring points reflect: a lamp between them is in
-    /// none of these rays, or fills one of them.
+    /// Width, as GGX's α, of a lobe that reaches to what the rays of neighbouring points reflect: a
+    /// lamp between them would be in none of these rays, or fill one of them.
     spread: f32,
 }
 
@@ -436,9 +436,10 @@ impl Tracer<'_> {
                 None if packet.farthest[lane] < f32::MAX => {
                     self.light.ground(along(packet.farthest[lane]))
                 }
-                None => self
-                    .light
-                    .sky(second.direction, second.width, second.spread),
+                None => {
+                    self.light
+                        .sky(second.origin, second.direction, second.width, second.spread)
+                }
             };
             mirror.sum.light += second.reflectance * arriving;
         }
@@ -506,7 +507,7 @@ fn second(
     (f0 != Vec3::ZERO).then(|| {
         let n = met.shading_normal;
         let beam = beam.reflected(met.distance, met, direction.dot(n));
-        // A normal that turns by an angle turns what is reflected by twice that, to both sides.
+        // To both sides; and half vectors, of which α tells the spread, turn by half as much.
         let spread = (0.25 * beam.angle).min(1.0);
         Second {
             reflectance: met.surface.fresnel(-direction.dot(n)),

@@ -80,7 +80,7 @@ impl EnvironmentEstimator {
     ) -> CubeMap {
         match self.settings.filtering {
             Filtering::Prefiltered => {
-                let widths = widths(self.grid.size, level_count(self.grid.size));
+                let widths: Vec<_> = widths(self.grid.size, level_count(self.grid.size)).collect();
                 let excesses = excesses(&self.grid, full, without, sources, &widths);
                 self.prefilter.apply_without(full, &excesses)
             }

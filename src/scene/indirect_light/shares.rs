@@ -21,9 +21,9 @@ impl DistantLight<'_> {
         sides.map_or(Vec3::ZERO, |sides| sides[side as usize % 6])
     }
 
-    /// Radiance of the sky from `direction`, blurred by a lobe of about `width`.
-    pub fn sky_radiance(&self, direction: Vec3, width: f32) -> Vec3 {
-        self.radiance.blurred(direction, width, 0.0)
+    /// Radiance of the sky that arrives at `point` from `direction`, blurred by a lobe of about `width`.
+    pub fn sky_radiance(&self, point: Vec3, direction: Vec3, width: f32) -> Vec3 {
+        self.radiance.blurred(point, direction, width, 0.0)
     }
 }
 

@@ -208,7 +208,7 @@ impl Surfels {
         let i = point.surfel as usize;
         let surface = &self.all[i].surface;
         let reflected = match point.source {
-            Source::Sky => light.sky_radiance(point.reflected, surface.gloss),
+            Source::Sky => light.sky_radiance(self.all[i].position, point.reflected, surface.gloss),
             Source::Ground(texel) => light.floor * ground.share(texel),
             Source::Surfel(other) => self.total[other as usize],
             Source::Phantom(side) => sides.radiance(side, light),
