@@ -33,7 +33,7 @@ const SETTINGS: [Setting; 4] = [
 const WARM_UP: u64 = 60;
 /// Pictures composed for a row without `--frames`: half a minute at a typical frame rate.
 const FRAMES: u32 = 900;
-/// Timeout of a row, per picture.
+/// Timeout of further pictures, each, after the time to start.
 const TIMEOUT_PER_PICTURE: Duration = Duration::from_millis(500);
 /// Timeout of a row until its first picture: drivers compile shaders, and the first light is found.
 const TIMEOUT_TO_START: Duration = Duration::from_secs(30);
@@ -157,10 +157,13 @@ fn measure(gpu: &Gpu, config: &Config, frames: u32) -> Result<LiveRow, BenchErro
 fn watch(status: &SharedStatus, shutdown: &AtomicBool, frames: u64) -> (Snapshot, Snapshot, f64) {
     let warm_up = WARM_UP.min(frames);
     let timeout = |pictures: u64| {
-        TIMEOUT_PER_PICTURE.saturating_mul(u32::try_from(pictures).unwrap_or(u32::MAX))
+        let each = TIMEOUT_PER_PICTURE.saturating_mul(u32::try_from(pictures).unwrap_or(u32::MAX));
+        TIMEOUT_TO_START.saturating_add(each)
     };
-    wait_for_pictures(status, 1, TIMEOUT_TO_START);
-    let before = wait_for_pictures(status, warm_up, timeout(warm_up));
+    let mut before = wait_for_pictures(status, 1, TIMEOUT_TO_START);
+    if before.frames.composed > 0 {
+        before = wait_for_pictures(status, warm_up, timeout(warm_up));
+    }
     let begun = Instant::now();
     let after = wait_for_pictures(status, before.frames.composed + frames, timeout(frames));
     let seconds = begun.elapsed().as_secs_f64();

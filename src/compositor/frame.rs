@@ -102,7 +102,8 @@ impl Compositor {
             Some(passes) => passes,
             None => (&mut p.surroundings, &mut p.composite),
         };
-        let surroundings = surroundings_pass.record(r, frame, real, light, &pictures.surroundings);
+        let shown = (light, surfaces.phantoms);
+        let surroundings = surroundings_pass.record(r, frame, real, shown, &pictures.surroundings);
         let inputs = CompositeInputs {
             real,
             surfaces,

@@ -8,7 +8,7 @@ use penumbra_scene::IndirectLight;
 use penumbra_scene::indirect_light::{GRID_SIDE, GROUND_SIDE, SurfaceIrradiance, VOLUME_SIZE};
 
 /// Three pictures of the ground side by side (change by virtual objects, light reflected by
-/// phantoms without them and with them), three times six volumes, and the six of the irradiance on
+/// phantoms without them and with them; in alpha, the ground's share of its light), three times six volumes, and the six of the irradiance on
 /// virtual surfaces.
 pub struct IndirectLightMaps {
     ground: wgpu::Texture,
@@ -50,7 +50,12 @@ impl IndirectLightMaps {
             texels.clear();
             for (y, part) in (0..side).flat_map(|y| all.map(|part| (y, part))) {
                 let row = &part.ground[y * side..(y + 1) * side];
-                texels.extend(row.iter().map(|t| half_texel(t.to_array())));
+                let shares = light.nearby.ground.get(y * side..(y + 1) * side);
+                texels.extend(row.iter().enumerate().map(|(x, t)| {
+                    let [r, g, b, _] = half_texel(t.to_array());
+                    let share = shares.map_or(1.0, |shares| shares[x].element_sum() / 3.0);
+                    [r, g, b, f16::from_f32(share)]
+                }));
             }
             upload(queue, &self.ground, texels);
         }

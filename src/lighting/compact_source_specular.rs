@@ -340,7 +340,7 @@ mod tests {
         let there = (towards * 2.0 - point).normalize();
         let lit = |d| complete.blurred(point, d, 0.1, 0.0).x;
         assert!(
-            lit(there) > 5.0 * lit(towards),
+            lit(there) > 3.0 * lit(towards),
             "{} {}",
             lit(there),
             lit(towards)

@@ -6,6 +6,7 @@ use super::super::recorder::{Recorder, cover};
 use super::super::response_table::RealPicture;
 use super::super::shaders::{self, Variant};
 use super::super::textures::{FrameTexture, coarse_size, format};
+use super::phantom_geometry::PhantomPictures;
 use super::shadow_buffer::SurfaceLight;
 
 /// The pass.
@@ -51,7 +52,7 @@ impl SurroundingsPass {
     pub fn new(device: &Device, frame: &wgpu::BindGroupLayout, variant: Variant) -> Self {
         let shader = shaders::shader("surroundings", variant);
         let u = Slot::Unfilterable;
-        let slots = [u, Slot::Uniform, u, u];
+        let slots = [u, Slot::Uniform, u, u, Slot::Depth];
         let picture = CachedGroup::from_slots(device, "surroundings picture", &slots);
         let finer_layout = layout(device, "surroundings level", &[u]);
         let build = |fragment: &str| {
@@ -87,7 +88,7 @@ impl SurroundingsPass {
         r: &mut Recorder<'_>,
         frame: &wgpu::BindGroup,
         real: RealPicture<'_>,
-        light: SurfaceLight<'_>,
+        (light, phantoms): (SurfaceLight<'_>, &PhantomPictures),
         output: &'a SurroundingsPictures,
     ) -> &'a SurroundingsPictures {
         let shadow = &light.shadows.phantom_shadow.view;
@@ -96,6 +97,7 @@ impl SurroundingsPass {
             real.codes.binding(),
             view(shadow),
             view(&light.lamp_light.view),
+            view(&phantoms.depth.view),
         ];
         let picture = self.picture.get(r.device, &resources);
         let first = &output.levels[0];

@@ -49,8 +49,8 @@ fn light_at(pixel: vec2i, n: vec3f, z: f32, own: bool) -> vec3f {
 const BESIDE = 0.7;
 const BESIDE_FADE = 0.4;
 
-// Radiance of a point of a real surface as the picture shows it, blurred over `metres`; in w, by
-// how much that is known.
+// Radiance of a point of a real surface as the picture shows it, blurred over `metres`; in w, how
+// far that is the ground and known.
 fn real_radiance(world: vec3f, metres: f32) -> vec4f {
     let p = pixel_of(world);
     let uv = (p.xy + vec2f(0.5)) * frame.size.zw;
@@ -65,27 +65,62 @@ fn real_radiance(world: vec3f, metres: f32) -> vec4f {
     let inside = max(smoothstep(-0.02 - reach, 0.05 + reach, edge), beside) * ahead;
     let blur = max(pixels * 0.5, -edge * frame.size.x * 0.25);
     let lod = clamp(log2(max(blur, 1.0)), 0.0, frame.params.w);
-    let seen = textureSampleLevel(surroundings, smooth_sampler, clamp(uv, vec2f(0.0), vec2f(1.0)), lod).rgb;
-    return vec4f(seen, inside);
+    let seen = textureSampleLevel(surroundings, smooth_sampler, clamp(uv, vec2f(0.0), vec2f(1.0)), lod);
+    return vec4f(seen.rgb, seen.a * inside);
+}
+
+// Prefiltered radiance of the environment in the lobe about `d`.
+fn far_radiance(d: vec3f, level: f32, gloss: Gloss) -> vec3f {
+    if PHONG && gloss.phong {
+        return textureSampleLevel(phong_radiance, smooth_sampler, d, level).rgb;
+    }
+    return textureSampleLevel(radiance, smooth_sampler, d, level).rgb;
+}
+
+// Width of lobes from which on wider ones meet the ground like this one.
+const WIDEST = 0.1;
+// Share of a lobe that is neglected.
+const NEGLECTED = 0.03;
+
+// Share of a lobe about a direction of height `z` that lies below the horizon: half vectors have
+// GGX's slopes, of which 1/2 (1 + s / sqrt(alpha^2 + s^2)) are less than s in one direction.
+fn share_below(z: f32, width: f32) -> f32 {
+    let s = -0.5 * z / clamp(width, 0.01, WIDEST);
+    let share = 0.5 + 0.5 * s * inverseSqrt(1.0 + s * s);
+    return clamp((share - NEGLECTED) / (1.0 - 2.0 * NEGLECTED), 0.0, 1.0);
+}
+
+// Share of its light that the ground has in the presence of virtual objects.
+fn ground_share(world: vec3f) -> f32 {
+    let at = (world.xy - frame.indirect_low.xy) / (frame.indirect_high.xy - frame.indirect_low.xy);
+    if (frame.indirect_low.w == 0.0) | any(at < vec2f(0.0)) | any(at > vec2f(1.0)) {
+        return 1.0;
+    }
+    let half = 0.5 / f32(textureDimensions(indirect_ground).y);
+    let uv = vec2f(clamp(at.x, half, 1.0 - half) / 3.0, at.y);
+    return textureSampleLevel(indirect_ground, table_sampler, uv, 0.0).a;
 }
 
 // Prefiltered radiance in the lobe about `d`: from the ground as the picture shows it, and from the
 // environment.
 fn reflected(world: vec3f, d: vec3f, level: f32, gloss: Gloss) -> vec3f {
-    var far = vec3f(0.0);
-    if PHONG && gloss.phong {
-        far = textureSampleLevel(phong_radiance, smooth_sampler, d, level).rgb;
-    } else {
-        far = textureSampleLevel(radiance, smooth_sampler, d, level).rgb;
-    }
-    let below = frame.params.z * smoothstep(0.0, max(0.6 * gloss.width, 0.02), -d.z);
+    let far = far_radiance(d, level, gloss);
+    let below = frame.params.z * share_below(d.z, gloss.width);
     if below == 0.0 {
         return far;
     }
-    let t = (world.z - frame.params.y) / max(-d.z, 1e-3);
+    // The mean direction of that part, and what the environment has there.
+    let low = normalize(vec3f(d.xy, min(d.z, -2.0 * min(gloss.width, WIDEST))));
+    var replaced = far;
+    if low.z < d.z {
+        replaced = far_radiance(low, level, gloss);
+    }
+    let t = (world.z - frame.params.y) / -low.z;
     let spread = 2.0 * t * gloss.width;
-    let near = real_radiance(world + d * t, spread);
-    return mix(far, mix(frame.ground.rgb, near.rgb, near.a), below);
+    let foot = world + low * t;
+    let near = real_radiance(foot, spread);
+    let ground = mix(frame.ground.rgb * ground_share(foot), near.rgb, near.a);
+    return max(far + below * (ground - replaced), vec3f(0.0));
 }
 
 // Light that a glossy surface mirrors: `far` from far away and from the ground as far as nothing is
@@ -103,7 +138,7 @@ fn bounce(world: vec3f, n: vec3f) -> vec3f {
     let foot = world + aside * (height / 0.7 * length(vec3f(n.xy, -0.7)));
     let near = real_radiance(vec3f(foot.xy, frame.params.y), 2.0 * height + 0.01);
     let far = sky_irradiance(vec3f(0.0, 0.0, -1.0));
-    return share * (PI * mix(frame.ground.rgb, near.rgb, near.a) - far);
+    return share * (PI * mix(frame.ground.rgb * ground_share(foot), near.rgb, near.a) - far);
 }
 
 fn shade(pixel: vec2i, s: i32, own: bool) -> vec3f {

@@ -1,9 +1,11 @@
 // The real picture as virtual objects reflect it: linear, corrected for vignetting, with the
-// virtual shadows, and its mip levels.
+// virtual shadows, and its mip levels. In alpha, the share of a texel that shows the ground, or
+// nothing that is known.
 
 @group(1) @binding(0) var camera: texture_2d<f32>;
 @group(1) @binding(2) var shadow: texture_2d<f32>;
 @group(1) @binding(3) var response: texture_2d<f32>;
+@group(1) @binding(4) var phantom_depth: texture_depth_2d;
 @group(2) @binding(0) var finer: texture_2d<f32>;
 
 fn linear_at(pixel: vec2i) -> vec3f {
@@ -21,12 +23,21 @@ fn linear_at(pixel: vec2i) -> vec3f {
     return (behind + added_at(at)) / brightness;
 }
 
+// Height above the ground, metres, up to which a phantom counts as the ground.
+const ON_GROUND = 0.003;
+
+fn shows_ground(pixel: vec2i) -> f32 {
+    let depth = textureLoad(phantom_depth, pixel, 0);
+    let height = world_at(vec2f(pixel), max(depth, 1e-9)).z - frame.params.y;
+    return select(0.0, 1.0, (depth == 0.0) | (height < ON_GROUND));
+}
+
 @fragment
 fn gather(@builtin(position) at: vec4f) -> @location(0) vec4f {
     let corner = vec2i(at.xy) * 2;
     let sum = linear_at(corner) + linear_at(corner + vec2i(1, 0))
         + linear_at(corner + vec2i(0, 1)) + linear_at(corner + vec2i(1, 1));
-    return vec4f(sum * 0.25, 1.0);
+    return vec4f(sum * 0.25, shows_ground(corner));
 }
 
 @fragment
