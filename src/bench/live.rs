@@ -33,9 +33,10 @@ const SETTINGS: [Setting; 4] = [
 const WARM_UP: u64 = 60;
 /// Pictures composed for a row without `--frames`: half a minute at a typical frame rate.
 const FRAMES: u32 = 900;
-/// Timeout of further pictures, each, after the time to start.
+/// Further time that is allowed per picture.
 const TIMEOUT_PER_PICTURE: Duration = Duration::from_millis(500);
-/// Timeout of a row until its first picture: drivers compile shaders, and the first light is found.
+/// Timeout until the first picture, in which drivers compile shaders and the first light is found; the
+/// same time is allowed for pauses later, because the machine may be busy with something else.
 const TIMEOUT_TO_START: Duration = Duration::from_secs(30);
 /// Interval at which the rig's status is read; long enough not to slow the rig.
 const POLL_INTERVAL: Duration = Duration::from_millis(100);
@@ -152,8 +153,8 @@ fn measure(gpu: &Gpu, config: &Config, frames: u32) -> Result<LiveRow, BenchErro
     row(config, &before, &after, seconds).ok_or(BenchError::Silent)
 }
 
-/// Returns the status after the warm-up and after the measured pictures, and the time between them;
-/// then stops the rig.
+/// Returns the status after the warm-up and after the measured pictures, and the time between them,
+/// both at the start if there is no picture; then stops the rig.
 fn watch(status: &SharedStatus, shutdown: &AtomicBool, frames: u64) -> (Snapshot, Snapshot, f64) {
     let warm_up = WARM_UP.min(frames);
     let timeout = |pictures: u64| {
@@ -161,11 +162,13 @@ fn watch(status: &SharedStatus, shutdown: &AtomicBool, frames: u64) -> (Snapshot
         TIMEOUT_TO_START.saturating_add(each)
     };
     let mut before = wait_for_pictures(status, 1, TIMEOUT_TO_START);
+    let mut after = before.clone();
+    let mut begun = Instant::now();
     if before.frames.composed > 0 {
         before = wait_for_pictures(status, warm_up, timeout(warm_up));
+        begun = Instant::now();
+        after = wait_for_pictures(status, before.frames.composed + frames, timeout(frames));
     }
-    let begun = Instant::now();
-    let after = wait_for_pictures(status, before.frames.composed + frames, timeout(frames));
     let seconds = begun.elapsed().as_secs_f64();
     shutdown.store(true, Ordering::Relaxed);
     (before, after, seconds)
