@@ -44,14 +44,14 @@ fn light_at(pixel: vec2i, n: vec3f, z: f32, own: bool) -> vec3f {
     return sum / max(weight, 1e-9);
 }
 
-// Share of the edge's colour beside the picture, and the part of the picture's size over which it
-// fades.
+// Share of the edge's colour beside the picture that mirrors show, and the part of the picture's
+// size over which it fades. Diffuse surfaces see far more of the ground than the edge stands for.
 const BESIDE = 0.7;
 const BESIDE_FADE = 0.4;
 
-// Radiance of a point of a real surface as the picture shows it, blurred over `metres`; in w, how
-// far that is the ground and known.
-fn real_radiance(world: vec3f, metres: f32) -> vec4f {
+// Radiance of a point of a real surface as the picture shows it, blurred over `metres`, beside the
+// picture as its edge to the share `beside`; in w, how far that is the ground and known.
+fn real_radiance(world: vec3f, metres: f32, beside: f32) -> vec4f {
     let p = pixel_of(world);
     let uv = (p.xy + vec2f(0.5)) * frame.size.zw;
     let edge = min(min(uv.x, 1.0 - uv.x), min(uv.y, 1.0 - uv.y));
@@ -61,8 +61,8 @@ fn real_radiance(world: vec3f, metres: f32) -> vec4f {
     let reach = min(0.5 * pixels * frame.size.z, 0.5);
     let ahead = smoothstep(frame.eye.w, frame.eye.w + metres, p.z);
     // Beside the picture the ground goes on like its edge, for some way.
-    let beside = BESIDE * exp(min(edge, 0.0) / BESIDE_FADE);
-    let inside = max(smoothstep(-0.02 - reach, 0.05 + reach, edge), beside) * ahead;
+    let outside = beside * exp(min(edge, 0.0) / BESIDE_FADE);
+    let inside = max(smoothstep(-0.02 - reach, 0.05 + reach, edge), outside) * ahead;
     let blur = max(pixels * 0.5, -edge * frame.size.x * 0.25);
     let lod = clamp(log2(max(blur, 1.0)), 0.0, frame.params.w);
     let seen = textureSampleLevel(surroundings, smooth_sampler, clamp(uv, vec2f(0.0), vec2f(1.0)), lod);
@@ -118,7 +118,7 @@ fn reflected(world: vec3f, d: vec3f, level: f32, gloss: Gloss) -> vec3f {
     let t = (world.z - frame.params.y) / -low.z;
     let spread = 2.0 * t * gloss.width;
     let foot = world + low * t;
-    let near = real_radiance(foot, spread);
+    let near = real_radiance(foot, spread, BESIDE);
     let ground = mix(frame.ground.rgb * ground_share(foot), near.rgb, near.a);
     return max(far + below * (ground - replaced), vec3f(0.0));
 }
@@ -126,7 +126,7 @@ fn reflected(world: vec3f, d: vec3f, level: f32, gloss: Gloss) -> vec3f {
 // Light that a glossy surface mirrors: `far` from far away and from the ground as far as nothing is
 // in between, else of what is close by.
 fn mirrored_light(far: vec3f, near: Nearby, world: vec3f, d: vec3f, gloss: Gloss) -> vec3f {
-    let seen = real_radiance(world + d * near.metres, 2.0 * near.metres * gloss.width).rgb;
+    let seen = real_radiance(world + d * near.metres, 2.0 * near.metres * gloss.width, BESIDE).rgb;
     return far * near.open + near.light + seen * near.seen;
 }
 
@@ -136,7 +136,7 @@ fn bounce(world: vec3f, n: vec3f) -> vec3f {
     let share = frame.params.z * 0.5 * (1.0 - n.z);
     let aside = normalize(vec3f(n.xy, -0.7));
     let foot = world + aside * (height / 0.7 * length(vec3f(n.xy, -0.7)));
-    let near = real_radiance(vec3f(foot.xy, frame.params.y), 2.0 * height + 0.01);
+    let near = real_radiance(vec3f(foot.xy, frame.params.y), 2.0 * height + 0.01, 0.0);
     let far = sky_irradiance(vec3f(0.0, 0.0, -1.0));
     return share * (PI * mix(frame.ground.rgb * ground_share(foot), near.rgb, near.a) - far);
 }

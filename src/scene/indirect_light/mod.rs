@@ -22,6 +22,7 @@ mod shares;
 mod sides;
 mod surface;
 mod surface_grid;
+mod surfel_index;
 mod surfels;
 mod volume;
 

@@ -27,9 +27,9 @@ use std::f32::consts::{PI, TAU};
 use std::sync::Arc;
 
 /// Number of points on all parts together.
-const COUNT: usize = 3072;
+const COUNT: usize = 6144;
 /// Number of rays from each point.
-const GATHERED: usize = 48;
+const GATHERED: usize = 96;
 /// Points that a thread looks from at a time.
 const CHUNK: usize = 64;
 
@@ -42,11 +42,12 @@ pub(super) struct Receivers {
 
 /// What a point sees.
 struct Receiver {
-    /// Points of virtual surfaces, and whether their direction is below the horizon of a scene with
-    /// a ground.
-    virtual_points: Vec<(ReflectingPoint, bool)>,
-    /// Sides of phantoms.
-    phantoms: Vec<u32>,
+    /// Points of virtual surfaces, and the number of rays that meet each.
+    virtual_points: Vec<(ReflectingPoint, f32)>,
+    /// Sides of phantoms, and the number of rays that meet each.
+    phantoms: Vec<(u32, f32)>,
+    /// Number of rays below the horizon of a scene with a ground that meet virtual surfaces.
+    hide_ground: f32,
     /// The ground texel that stands for all of the ground in the shading of this point.
     foot: u32,
 }
@@ -89,13 +90,13 @@ impl Receivers {
     ) {
         let irradiance = self.points.iter().map(|point| {
             let near = light.floor * ground.share(point.foot);
-            let counted = |is_below: bool| if is_below { near } else { Vec3::ZERO };
-            let from_virtual = point.virtual_points.iter().map(|(p, is_below)| {
-                surfels.radiance(p, ground, sides, light) - counted(*is_below)
-            });
+            let points = point.virtual_points.iter();
+            let from_virtual =
+                points.map(|(p, rays)| surfels.radiance(p, ground, sides, light) * *rays);
             let real = point.phantoms.iter();
-            let from_real = real.map(|side| sides.radiance(*side, light));
-            from_virtual.chain(from_real).sum::<Vec3>() * (PI / GATHERED as f32)
+            let from_real = real.map(|(side, rays)| sides.radiance(*side, light) * *rays);
+            let arriving = from_virtual.chain(from_real).sum::<Vec3>();
+            (arriving - near * point.hide_ground) * (PI / GATHERED as f32)
         });
         out.grid = Arc::clone(&self.grid);
         out.set(&self.splats, irradiance);
@@ -142,6 +143,7 @@ fn look(
     let mut seen = Receiver {
         virtual_points: Vec::new(),
         phantoms: Vec::new(),
+        hide_ground: 0.0,
         foot: ground_texel(region, foot(position, normal, region.floor)),
     };
     let mut inside = 0;
@@ -150,14 +152,23 @@ fn look(
         let is_below = obstacles.floor.is_some() && d.z < 0.0;
         match obstacles.first_hit(origin, d) {
             FirstHit::Sky | FirstHit::Ground(_) => (),
-            FirstHit::Phantom(side) => seen.phantoms.push(side),
+            FirstHit::Phantom(side) => count(&mut seen.phantoms, side),
             FirstHit::Virtual(hit) => match surfels.reflecting_point(&hit, d, obstacles, region) {
                 Some(point) if surfels.is_front(&point, &hit) => {
-                    seen.virtual_points.push((point, is_below));
+                    seen.hide_ground += f32::from(u8::from(is_below));
+                    count(&mut seen.virtual_points, point);
                 }
                 _ => inside += 1,
             },
         }
     }
     (2 * inside < GATHERED).then_some(seen)
+}
+
+/// Counts one more ray that meets `what`.
+fn count<T: PartialEq>(met: &mut Vec<(T, f32)>, what: T) {
+    match met.iter_mut().find(|(other, _)| *other == what) {
+        Some((_, rays)) => *rays += 1.0,
+        None => met.push((what, 1.0)),
+    }
 }

@@ -10,6 +10,10 @@ const DIELECTRIC: f32 = 0.04;
 /// Minimum width of a specular lobe: a few rays do not resolve narrower ones.
 const MIN_GLOSS: f32 = 0.09;
 
+/// F0 above which surfaces mirror visibly onto others: metals, and no dielectric of the usual
+/// refractive indices.
+const GLOSSY: f32 = 0.1;
+
 /// A part's material, averaged over its textures.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Surface {
@@ -21,6 +25,11 @@ pub(super) struct Surface {
 }
 
 impl Surface {
+    /// Whether it mirrors enough that a reflected ray makes a difference on other surfaces.
+    pub fn is_glossy(&self) -> bool {
+        self.f0.max_element() > GLOSSY
+    }
+
     pub fn from_material(material: &Material) -> Self {
         let base = material.mean_base_colour();
         let metallic = material.metallic.clamp(0.0, 1.0);

@@ -8,16 +8,21 @@ use super::result::NearbyRadiance;
 use super::sampling::{point_in, world_triangles};
 use super::shares::{DistantLight, GroundShares, SideShares, ground_texel};
 use super::surface::Surface;
+use super::surfel_index::SurfelIndex;
 use crate::lamps::PlacedLamp;
 use crate::mesh::Part;
 use glam::Vec3;
+use penumbra_interface::threads;
 use std::f32::consts::PI;
 use std::sync::Arc;
 
 /// Number of surfels on all objects together.
-const COUNT: usize = 1024;
+const COUNT: usize = 4096;
 /// The same where something moves, and rays are cast again every half second.
 const COUNT_MOVING: usize = 512;
+/// Surfels that a thread looks from at a time.
+const CHUNK: usize = 32;
+
 /// A point of a virtual surface.
 struct Surfel {
     position: Vec3,
@@ -33,16 +38,17 @@ struct Surfel {
     phantoms: Vec<(u32, f32)>,
 }
 
-/// A point of a virtual object that a ray from the real scene hits.
+/// A point of a virtual object that a ray hits.
+#[derive(Clone, Copy, PartialEq)]
 pub(super) struct ReflectingPoint {
     surfel: u32,
-    /// Direction of the reflected ray.
-    reflected: Vec3,
-    /// What the reflected ray hits.
-    source: Source,
+    /// The reflected ray: its direction, and what it hits. `None` where the surface mirrors so
+    /// little that this counts as diffuse.
+    mirrored: Option<(Vec3, Source)>,
 }
 
 /// What a reflected ray hits.
+#[derive(Clone, Copy, PartialEq)]
 enum Source {
     Sky,
     /// Index of a ground texel, see [`ground_texel`].
@@ -55,6 +61,7 @@ enum Source {
 /// The surfels of all virtual objects and their radiance.
 pub(super) struct Surfels {
     all: Vec<Surfel>,
+    index: SurfelIndex,
     /// Radiance that is reflected diffusely or emitted.
     radiance: Vec<Vec3>,
     /// The same with specular reflection as if it were diffuse: for further bounces.
@@ -78,40 +85,41 @@ impl Surfels {
         moves: bool,
     ) -> Self {
         let (mut all, share) = distribute(casters, if moves { COUNT_MOVING } else { COUNT });
-        let is_inside: Vec<bool> = all
-            .iter()
-            .map(|s| is_inside(s, &all, obstacles, directions, region))
-            .collect();
+        let spacing = share.sqrt();
+        let look = Look {
+            obstacles,
+            directions,
+            region,
+        };
+        let index = SurfelIndex::new(places(&all), spacing);
+        let is_inside = looked(&all, |s| look.is_inside(s, &all, &index));
         let mut outside = is_inside.iter().map(|inside| !inside);
         all.retain(|_| outside.next().unwrap_or(true));
-        let visible: Vec<_> = all
-            .iter()
-            .map(|s| find_visible(s, &all, obstacles, directions, region))
-            .collect();
+        let index = SurfelIndex::new(places(&all), spacing);
+        let visible = looked(&all, |s| look.find_visible(s, &index));
         for (surfel, visible) in all.iter_mut().zip(visible) {
             surfel.sky = visible.sky;
             (surfel.ground, surfel.others, surfel.phantoms) =
                 (visible.ground, visible.others, visible.phantoms);
         }
         let dark = vec![Vec3::ZERO; all.len()];
-        let places = all.iter().map(|s| (s.position, s.normal));
-        let lamplight = Lamplight::new(places, region.offset());
+        let lamplight = Lamplight::new(places(&all).into_iter(), region.offset());
         Self {
             all,
+            index,
             radiance: dark.clone(),
             total: dark.clone(),
             previous: dark,
             compact: CompactSources::default(),
             lamplight,
             offset: region.offset(),
-            spacing: share.sqrt(),
+            spacing,
         }
     }
 
     /// Positions and normals of all surfels, and the mean distance of neighbours, metres.
     pub fn places(&self) -> (Arc<Vec<(Vec3, Vec3)>>, f32) {
-        let places = self.all.iter().map(|s| (s.position, s.normal)).collect();
-        (Arc::new(places), self.spacing)
+        (Arc::new(places(&self.all)), self.spacing)
     }
 
     /// Writes the radiance of all surfels.
@@ -128,19 +136,24 @@ impl Surfels {
         obstacles: &Obstacles,
         region: &Region,
     ) -> Option<ReflectingPoint> {
-        let surfel = nearest(&self.all, hit)?;
+        let surfel = self.nearest(hit)?;
+        if !self.all[surfel as usize].surface.is_glossy() {
+            return Some(ReflectingPoint {
+                surfel,
+                mirrored: None,
+            });
+        }
         let reflected = direction.normalize().reflect(hit.normal);
         let source = match obstacles.first_hit(hit.point + hit.normal * region.offset(), reflected)
         {
             FirstHit::Sky => Source::Sky,
             FirstHit::Ground(p) => Source::Ground(ground_texel(region, p)),
-            FirstHit::Virtual(other) => Source::Surfel(nearest(&self.all, &other)?),
+            FirstHit::Virtual(other) => Source::Surfel(self.nearest(&other)?),
             FirstHit::Phantom(side) => Source::Phantom(side),
         };
         Some(ReflectingPoint {
             surfel,
-            reflected,
-            source,
+            mirrored: Some((reflected, source)),
         })
     }
 
@@ -151,7 +164,7 @@ impl Surfels {
 
     /// Returns the surfel that represents a point.
     pub fn nearest(&self, hit: &SurfacePoint) -> Option<u32> {
-        nearest(&self.all, hit)
+        self.index.nearest(hit)
     }
 
     /// Radiance of a surfel, with specular reflection as if it were diffuse.
@@ -206,9 +219,12 @@ impl Surfels {
         light: &DistantLight<'_>,
     ) -> Vec3 {
         let i = point.surfel as usize;
+        let Some((direction, source)) = point.mirrored else {
+            return self.total[i];
+        };
         let surface = &self.all[i].surface;
-        let reflected = match point.source {
-            Source::Sky => light.sky_radiance(self.all[i].position, point.reflected, surface.gloss),
+        let reflected = match source {
+            Source::Sky => light.sky_radiance(self.all[i].position, direction, surface.gloss),
             Source::Ground(texel) => light.floor * ground.share(texel),
             Source::Surfel(other) => self.total[other as usize],
             Source::Phantom(side) => sides.radiance(side, light),
@@ -299,20 +315,27 @@ fn surfel(t: &[Vec3; 3], index: usize, surface: Surface) -> Surfel {
     }
 }
 
-fn nearest(all: &[Surfel], hit: &SurfacePoint) -> Option<u32> {
-    let distance = |s: &Surfel| {
-        let inclination = 1.0 - s.normal.dot(hit.normal);
-        // The other side of a thin wall has another light.
-        let behind = if inclination > 1.0 { 1e3 } else { 1.0 };
-        s.position.distance_squared(hit.point) * (1.0 + 8.0 * inclination * inclination) * behind
-    };
-    let all = all.iter().enumerate().map(|(i, s)| (i, distance(s)));
-    all.min_by(|a, b| a.1.total_cmp(&b.1))
-        .map(|(i, _)| i as u32)
+fn places(surfels: &[Surfel]) -> Vec<(Vec3, Vec3)> {
+    surfels.iter().map(|s| (s.position, s.normal)).collect()
+}
+
+/// What `look` finds from each surfel, on all processors.
+fn looked<T: Send + Default + Clone>(
+    surfels: &[Surfel],
+    look: impl Fn(&Surfel) -> T + Sync,
+) -> Vec<T> {
+    let mut found = vec![T::default(); surfels.len()];
+    let chunks = surfels.chunks(CHUNK).zip(found.chunks_mut(CHUNK));
+    threads::for_each(chunks.collect(), |(surfels, found)| {
+        for (surfel, found) in surfels.iter().zip(found) {
+            *found = look(surfel);
+        }
+    });
+    found
 }
 
 /// What is visible from a surfel; see [`Surfel`].
-#[derive(Default)]
+#[derive(Clone, Default)]
 struct Visible {
     sky: u128,
     ground: Vec<(u32, f32)>,
@@ -320,53 +343,51 @@ struct Visible {
     phantoms: Vec<(u32, f32)>,
 }
 
-/// Whether a surfel is inside another object, on a hidden surface: from there, most rays hit the
-/// backs of surfaces. It must not stand for visible points nearby.
-fn is_inside(
-    surfel: &Surfel,
-    all: &[Surfel],
-    obstacles: &Obstacles,
-    directions: &Directions,
-    region: &Region,
-) -> bool {
-    let origin = surfel.position + surfel.normal * region.offset();
-    let in_front = |d: &&Vec3| d.dot(surfel.normal) > 0.0;
-    let each = directions.all.iter().step_by(4).filter(in_front);
-    let (mut backs, mut count) = (0, 0);
-    for d in each {
-        count += 1;
-        if let FirstHit::Virtual(hit) = obstacles.first_hit(origin, *d) {
-            let front = |i: u32| all[i as usize].normal.dot(hit.normal) > 0.0;
-            backs += i32::from(!nearest(all, &hit).is_some_and(front));
-        }
-    }
-    2 * backs > count
+/// Finds what surfels see.
+struct Look<'a> {
+    obstacles: &'a Obstacles,
+    directions: &'a Directions,
+    region: &'a Region,
 }
 
-fn find_visible(
-    surfel: &Surfel,
-    all: &[Surfel],
-    obstacles: &Obstacles,
-    directions: &Directions,
-    region: &Region,
-) -> Visible {
-    let origin = surfel.position + surfel.normal * region.offset();
-    let mut visible = Visible::default();
-    for (i, d) in directions.all.iter().enumerate() {
-        let weight = d.dot(surfel.normal) * Directions::solid_angle();
-        if weight <= 0.0 {
-            continue;
-        }
-        match obstacles.first_hit(origin, *d) {
-            FirstHit::Sky => visible.sky |= 1 << i,
-            FirstHit::Ground(p) => visible.ground.push((ground_texel(region, p), weight)),
-            FirstHit::Virtual(hit) => {
-                visible
-                    .others
-                    .extend(nearest(all, &hit).map(|s| (s, weight)));
+impl Look<'_> {
+    /// Whether a surfel is inside another object, on a hidden surface: from there, most rays hit the
+    /// backs of surfaces. It must not stand for visible points nearby.
+    fn is_inside(&self, surfel: &Surfel, all: &[Surfel], index: &SurfelIndex) -> bool {
+        let origin = surfel.position + surfel.normal * self.region.offset();
+        let in_front = |d: &&Vec3| d.dot(surfel.normal) > 0.0;
+        let each = self.directions.all.iter().step_by(4).filter(in_front);
+        let (mut backs, mut count) = (0, 0);
+        for d in each {
+            count += 1;
+            if let FirstHit::Virtual(hit) = self.obstacles.first_hit(origin, *d) {
+                let front = |i: u32| all[i as usize].normal.dot(hit.normal) > 0.0;
+                backs += i32::from(!index.nearest(&hit).is_some_and(front));
             }
-            FirstHit::Phantom(side) => visible.phantoms.push((side, weight)),
         }
+        2 * backs > count
     }
-    visible
+
+    fn find_visible(&self, surfel: &Surfel, index: &SurfelIndex) -> Visible {
+        let origin = surfel.position + surfel.normal * self.region.offset();
+        let mut visible = Visible::default();
+        for (i, d) in self.directions.all.iter().enumerate() {
+            let weight = d.dot(surfel.normal) * Directions::solid_angle();
+            if weight <= 0.0 {
+                continue;
+            }
+            match self.obstacles.first_hit(origin, *d) {
+                FirstHit::Sky => visible.sky |= 1 << i,
+                FirstHit::Ground(p) => {
+                    visible.ground.push((ground_texel(self.region, p), weight));
+                }
+                FirstHit::Virtual(hit) => {
+                    let other = index.nearest(&hit);
+                    visible.others.extend(other.map(|s| (s, weight)));
+                }
+                FirstHit::Phantom(side) => visible.phantoms.push((side, weight)),
+            }
+        }
+        visible
+    }
 }

@@ -1,0 +1,168 @@
+//! Finds the surfel that represents a point of a surface.
+
+use super::obstacles::SurfacePoint;
+use glam::{IVec3, Vec3};
+use std::ops::Range;
+
+/// Largest number of cells along an axis.
+const LONGEST: f32 = 64.0;
+
+/// Surfels by cells of a grid around them.
+pub(super) struct SurfelIndex {
+    low: Vec3,
+    /// Side of a cell, metres.
+    cell: f32,
+    size: IVec3,
+    /// By cell: where its surfels begin in `surfels`; one more at the end.
+    begins: Vec<u32>,
+    /// Numbers of the surfels in ascending order of their cells.
+    surfels: Vec<u32>,
+    places: Vec<(Vec3, Vec3)>,
+}
+
+impl SurfelIndex {
+    /// Sorts surfels at `places` (position, normal) that are `spacing` metres apart on average.
+    pub fn new(places: Vec<(Vec3, Vec3)>, spacing: f32) -> Self {
+        let low = places.iter().fold(Vec3::MAX, |l, p| l.min(p.0));
+        let high = places.iter().fold(Vec3::MIN, |h, p| h.max(p.0));
+        let extent = (high - low).max(Vec3::ZERO);
+        let cell = spacing.max(extent.max_element() / LONGEST).max(1e-6);
+        let size = (extent / cell).as_ivec3() + 1;
+        let mut index = Self {
+            low,
+            cell,
+            size,
+            begins: vec![0; size.element_product() as usize + 1],
+            surfels: (0..places.len() as u32).collect(),
+            places,
+        };
+        let cells: Vec<usize> = index
+            .places
+            .iter()
+            .map(|p| index.number(index.cell_of(p.0)))
+            .collect();
+        index.surfels.sort_by_key(|i| cells[*i as usize]);
+        for cell in &cells {
+            index.begins[cell + 1] += 1;
+        }
+        for i in 1..index.begins.len() {
+            index.begins[i] += index.begins[i - 1];
+        }
+        index
+    }
+
+    /// Returns the surfel nearest to `hit`, where surfels with another normal count as farther away.
+    pub fn nearest(&self, hit: &SurfacePoint) -> Option<u32> {
+        let centre = self.cell_of(hit.point);
+        let mut best = (f32::INFINITY, u32::MAX);
+        for ring in 0..self.size.max_element() {
+            // Surfels of this ring and beyond are at least so far away.
+            let least = (ring - 1).max(0) as f32 * self.cell;
+            if best.0 < least * least {
+                break;
+            }
+            self.for_each_in_ring(centre, ring, |i| {
+                let distance = self.distance(i, hit);
+                if (distance, i) < best {
+                    best = (distance, i);
+                }
+            });
+        }
+        best.0.is_finite().then_some(best.1)
+    }
+
+    /// Square of a distance, which grows with the angle between the normals.
+    fn distance(&self, surfel: u32, hit: &SurfacePoint) -> f32 {
+        let (position, normal) = self.places[surfel as usize];
+        let inclination = 1.0 - normal.dot(hit.normal);
+        // The other side of a thin wall has another light.
+        let behind = if inclination > 1.0 { 1e3 } else { 1.0 };
+        position.distance_squared(hit.point) * (1.0 + 8.0 * inclination * inclination) * behind
+    }
+
+    /// Visits the surfels in the cells whose largest distance from `centre` along an axis is `ring`.
+    fn for_each_in_ring(&self, centre: IVec3, ring: i32, mut visit: impl FnMut(u32)) {
+        let low = (centre - ring).max(IVec3::ZERO);
+        let high = (centre + ring).min(self.size - 1);
+        for z in low.z..=high.z {
+            for y in low.y..=high.y {
+                let is_face = (z - centre.z).abs() == ring || (y - centre.y).abs() == ring;
+                // Inside of the ring's cube only its two ends along x belong to it.
+                let step = if is_face { 1 } else { (2 * ring).max(1) };
+                let first = if is_face { low.x } else { centre.x - ring };
+                for x in (first..=high.x)
+                    .step_by(step as usize)
+                    .filter(|x| *x >= low.x)
+                {
+                    let range = self.range(self.number(IVec3::new(x, y, z)));
+                    self.surfels[range].iter().copied().for_each(&mut visit);
+                }
+            }
+        }
+    }
+
+    fn cell_of(&self, point: Vec3) -> IVec3 {
+        let cell = ((point - self.low) / self.cell).floor().as_ivec3();
+        cell.clamp(IVec3::ZERO, self.size - 1)
+    }
+
+    fn number(&self, cell: IVec3) -> usize {
+        ((cell.z * self.size.y + cell.y) * self.size.x + cell.x) as usize
+    }
+
+    fn range(&self, cell: usize) -> Range<usize> {
+        self.begins[cell] as usize..self.begins[cell + 1] as usize
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Points that fill a ball, with normals in all directions.
+    fn scattered(count: usize, seed: f64) -> Vec<(Vec3, Vec3)> {
+        let at = |k: usize, step: f64| (seed + step * k as f64).fract() as f32 - 0.5;
+        let direction = |k, a, b, c| Vec3::new(at(k, a), at(k, b), at(k, c));
+        let steps = [
+            0.819_172_513_396_164_4,
+            0.671_043_606_703_789_2,
+            0.549_700_477_901_970_3,
+        ];
+        (0..count)
+            .map(|k| {
+                let normal = direction(7 * k + 1, steps[1], steps[2], steps[0]);
+                (
+                    direction(k, steps[0], steps[1], steps[2]),
+                    normal.normalize(),
+                )
+            })
+            .collect()
+    }
+
+    #[test]
+    fn it_finds_what_a_search_of_all_finds() {
+        let index = SurfelIndex::new(scattered(700, 0.1), 0.08);
+        for (k, (point, normal)) in scattered(300, 0.7).into_iter().enumerate() {
+            // Some lie outside of the grid.
+            let point = point * if k % 5 == 0 { 3.0 } else { 1.0 };
+            let hit = SurfacePoint { point, normal };
+            let all = (0..700).min_by(|a, b| {
+                index
+                    .distance(*a, &hit)
+                    .total_cmp(&index.distance(*b, &hit))
+            });
+            assert_eq!(index.nearest(&hit), all, "{point}");
+        }
+    }
+
+    #[test]
+    fn it_is_empty_or_flat() {
+        let hit = SurfacePoint {
+            point: Vec3::ONE,
+            normal: Vec3::Z,
+        };
+        assert_eq!(SurfelIndex::new(Vec::new(), 0.0).nearest(&hit), None);
+        let flat = (0..9).map(|i| (Vec3::X * i as f32, Vec3::Z)).collect();
+        assert_eq!(SurfelIndex::new(flat, 0.0).nearest(&hit), Some(1));
+    }
+}
