@@ -207,8 +207,9 @@ fn low_disk_space_ends_a_recording_with_a_complete_file() {
 #[test]
 fn full_disk_ends_the_recording_as_failed() {
     let (hub, status, recorder) = recorder(Path::new("/nowhere"), 0);
+    let full = File::options().write(true).open("/dev/full").unwrap();
     let writer = SessionWriter::new(
-        BufWriter::new(File::options().write(true).open("/dev/full").unwrap()),
+        BufWriter::new(Box::new(full) as Box<dyn RecordingFile>),
         Path::new("/dev/full"),
     );
     // The first flush of the buffer fails.
@@ -228,6 +229,7 @@ fn full_disk_ends_the_recording_as_failed() {
         max_duration: None,
         started: SystemClock.now(),
         flushed: SystemClock.now(),
+        slowest: Duration::ZERO,
         recording: Recording::default(),
     };
     hub.set_recorder(Some(RecorderQueue::new(
