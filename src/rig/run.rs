@@ -27,11 +27,11 @@ use crate::status::Published;
 use penumbra_compositor::{Compositor, FrameInput, Gpu, LensOutput, Refresh};
 use penumbra_config::Distortion;
 use penumbra_config::Technique;
-use penumbra_interface::{Clock, SystemClock};
+use penumbra_interface::{Clock, DeviceKind, SystemClock};
 use penumbra_lighting::{BrightestFollower, BrightestLight};
 use penumbra_output::Screen;
 use penumbra_output::files::FrameFolder;
-use penumbra_picture::Picture;
+use penumbra_picture::{Picture, PictureError};
 use penumbra_scene::PlacedLamp;
 use penumbra_status::RegistrationSource;
 use penumbra_status::snapshot::SessionState;
@@ -329,6 +329,27 @@ impl Run {
         }
     }
 
+    /// Counts a picture that cannot be decoded; the status of a live rig says why.
+    pub fn skip_damaged(
+        &mut self,
+        context: &RunContext,
+        (error, seconds): (&PictureError, f64),
+        counts: &Counts,
+    ) {
+        self.frames.damaged += 1;
+        self.problems
+            .add(&format!("scene picture: {error}"), seconds);
+        let Source::Live(live) = &context.source else {
+            return;
+        };
+        let mut devices = live.supervised().iter();
+        if let Some(camera) = devices.find(|d| d.kind == DeviceKind::SceneCamera) {
+            camera.undecodable(&error.to_string());
+        }
+        let figures = (&self.rates, counts);
+        published::publish_idle(&context.status, &context.source, figures);
+    }
+
     /// Handles a pause without pictures: keeps the last picture on the screen, or a black one if
     /// there was none, and updates the status.
     ///
@@ -573,7 +594,11 @@ impl Run {
         match frames.damaged + self.damage.counts.scene_frames {
             0 if frames.in_session == 0 => Err(RigError::Empty { path }),
             0 => Ok(()),
-            count => Err(RigError::AllDamaged { path, count }),
+            count => Err(RigError::AllDamaged {
+                path,
+                count,
+                reason: self.problems.first().to_owned(),
+            }),
         }
     }
 

@@ -378,6 +378,8 @@ fn replay_refuses_a_session_of_damaged_pictures() {
     writer.finish().unwrap();
     assert_contains(
         &replay_error(&desk, "damaged.mcap"),
-        &["damaged.mcap: all 3 pictures of the scene camera are damaged"],
+        &[
+            "damaged.mcap: all 3 pictures of the scene camera are damaged (scene picture: damaged Jpeg",
+        ],
     );
 }

@@ -335,7 +335,7 @@ fn wrong_station_is_said_once() {
 }
 
 #[test]
-fn damaged_environment_pictures_are_named_and_counted() {
+fn damaged_pictures_are_named_and_counted() {
     let desk = Desk::new();
     let session = Session::open(&desk_session()).unwrap();
     let mut writer = SessionWriter::create(&desk.path("dark.mcap")).unwrap();
@@ -345,7 +345,12 @@ fn damaged_environment_pictures_are_named_and_counted() {
     let mut base = 0;
     for event in session.events() {
         match event.unwrap() {
-            SessionEvent::Scene(frame) => writer.frame(Camera::Scene, &frame).unwrap(),
+            SessionEvent::Scene(mut frame) => {
+                if frame.sequence == 3 {
+                    frame.data = frame.data.slice(..frame.data.len() / 2);
+                }
+                writer.frame(Camera::Scene, &frame).unwrap();
+            }
             SessionEvent::Environment(mut frame) => {
                 base += u32::from(frame.bracket_ev == 0.0);
                 if base == 2 && frame.bracket_ev == 0.0 {
@@ -362,8 +367,14 @@ fn damaged_environment_pictures_are_named_and_counted() {
     ));
     let error = text(&output.stderr);
     assert!(output.status.success(), "{error}");
-    assert!(error.contains("environment picture"), "{error}");
+    for part in [
+        "warning: environment picture",
+        "warning: scene picture: damaged",
+    ] {
+        assert!(error.contains(part), "{error}");
+    }
     let problems = desk.json("report.json")["picture_problems"].clone();
+    assert_eq!(problems.as_array().unwrap().len(), 2, "{problems}");
     assert_eq!(problems[0]["pictures"], 1, "{problems}");
     // The recording has no tracker.
     let printed = text(&output.stdout);
