@@ -123,6 +123,8 @@ pub(super) struct Run {
     is_closed: bool,
     /// Number of times that the graphics device was lost since the last composed picture.
     successive_losses: u32,
+    /// An error that did not end the run.
+    late_error: Option<RigError>,
 }
 
 impl Run {
@@ -186,6 +188,7 @@ impl Run {
             warned_of_station: false,
             is_closed: false,
             successive_losses: 0,
+            late_error: None,
         })
     }
 
@@ -278,9 +281,7 @@ impl Run {
         self.planes.count(&self.compositor)?;
         // From here on nothing fails because of the device, so no pose is sent or written twice.
         self.send_pose(prepared);
-        if let Some(poses) = &mut self.poses {
-            poses.write(prepared)?;
-        }
+        self.write_pose(context, prepared)?;
         self.stages.record("total", begun.elapsed());
         if context.source.is_live() {
             let latency = SystemClock
@@ -316,6 +317,27 @@ impl Run {
             brightest: self.brightest,
             stale_after_nanos: context.config.environment.stale_after_nanos,
         });
+        Ok(())
+    }
+
+    /// Writes the pose to the file of poses. A live picture goes on without that file if it cannot be
+    /// written; the run reports the error at its end.
+    fn write_pose(
+        &mut self,
+        context: &RunContext,
+        prepared: &PreparedFrame,
+    ) -> Result<(), RigError> {
+        let Some(Err(error)) = self.poses.as_mut().map(|poses| poses.write(prepared)) else {
+            return Ok(());
+        };
+        if !context.source.is_live() {
+            return Err(error);
+        }
+        let text = error.to_string();
+        tracing::warn!("{text}; no more poses are written");
+        context.status.update(|s| s.warn(&text));
+        self.poses = None;
+        self.late_error = Some(error);
         Ok(())
     }
 
@@ -647,6 +669,9 @@ impl Run {
         }
         if let Some(poses) = self.poses {
             poses.finish()?;
+        }
+        if let Some(error) = self.late_error {
+            return Err(error);
         }
         self.frames.lost = self.damage.counts.scene_frames;
         self.inputs.lost_environment_frames = self.damage.counts.environment_frames;
