@@ -318,6 +318,14 @@ fn check_config_looks_at_what_the_configuration_names() {
             "[recording]\nfolder = \"file\"\n",
             vec!["`recording.folder`", "file"],
         ),
+        (
+            "[scene]\nfolder = \"file\"\n",
+            vec!["`scene.folder`", "file"],
+        ),
+        (
+            "[status]\nguide = \"gone.pdf\"\n",
+            vec!["[status] guide", "gone.pdf"],
+        ),
     ];
     for (content, mut parts) in cases {
         desk.put("c.toml", content);
