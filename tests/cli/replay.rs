@@ -317,6 +317,32 @@ fn one_flipped_byte_is_said_with_all_that_it_costs() {
 }
 
 #[test]
+fn damage_is_said_by_whatever_reads_the_session() {
+    let desk = Desk::new();
+    put_with_flipped_byte(&desk, "damaged.mcap", 0);
+    let session = desk.path("damaged.mcap").display().to_string();
+    let calibration = desk_session().display().to_string();
+    desk.put(
+        "rig.toml",
+        format!(
+            "[scene_camera]\ndevice = \"replay:{session}\"\n[calibration]\nfrom = \
+             \"{calibration}\"\n[environment]\nlight_count = 8\n"
+        ),
+    );
+    for line in [
+        "light damaged.mcap --out light",
+        "calibrate intrinsics --session damaged.mcap --board chess:9x6:0.02 --out lens.json",
+        "run --config rig.toml --headless --listen 127.0.0.1:0 --frames 3",
+    ] {
+        let error = text(&desk.run(line).stderr);
+        assert!(
+            error.contains(" of /scene_camera/image from "),
+            "{line}: {error}"
+        );
+    }
+}
+
+#[test]
 fn wrong_station_is_said_once() {
     let desk = Desk::new();
     desk.put(
