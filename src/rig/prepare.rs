@@ -436,30 +436,14 @@ impl Worker {
             return PreparationEvent::Skipped;
         }
         let begun = Instant::now();
-        let picture = match self.decode(&frame) {
-            Ok(picture) => picture,
-            Err(error) => {
-                let counts = Box::new(self.counts(false));
-                let seconds = frame.captured_at.seconds_since(first);
-                return PreparationEvent::Damaged {
-                    error,
-                    seconds,
-                    counts,
-                };
-            }
+        let seconds = frame.captured_at.seconds_since(first);
+        let (picture, mismatch) = match self.fitting_picture(&frame, seconds) {
+            Ok(fitting) => fitting,
+            Err(damaged) => return damaged,
         };
         let decoding = begun.elapsed();
-        let mismatch = self.size_mismatch(&picture);
         let fits = mismatch.is_none();
-        let picture = if fits || self.pace.is_some() {
-            picture
-        } else {
-            // Preparing for another size would stop a live picture, twice if only some pictures have it.
-            let camera = &self.setup.calibration.scene_camera.camera;
-            picture.stretched((camera.width, camera.height))
-        };
         let tracked = self.setup.world_from_camera(&frame).filter(|_| fits);
-        let seconds = frame.captured_at.seconds_since(first);
         let (world_from_camera, sphere, mut registration) =
             self.register(&picture, &frame, tracked, fits);
         let (setup, tracker) = (&self.setup, self.feed.tracker());
@@ -502,6 +486,33 @@ impl Worker {
             counts,
             frame,
         }))
+    }
+
+    /// Decodes the scene camera's picture; returns it with a warning if it has not the calibrated size.
+    /// A live one is then stretched: preparing for another size would stop the picture, twice if only
+    /// some pictures have it.
+    ///
+    /// # Errors
+    /// The picture is damaged.
+    fn fitting_picture(
+        &mut self,
+        frame: &RigFrame,
+        seconds: f64,
+    ) -> Result<(Picture, Option<String>), PreparationEvent> {
+        let picture = self
+            .decode(frame)
+            .map_err(|error| PreparationEvent::Damaged {
+                error,
+                seconds,
+                counts: Box::new(self.counts(false)),
+            })?;
+        let mismatch = self.size_mismatch(&picture);
+        if mismatch.is_none() || self.pace.is_some() {
+            return Ok((picture, mismatch));
+        }
+        let camera = &self.setup.calibration.scene_camera.camera;
+        let stretched = picture.stretched((camera.width, camera.height));
+        Ok((stretched, mismatch))
     }
 
     /// Decodes the scene camera's picture.
