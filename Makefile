@@ -37,7 +37,7 @@ DEMO_PAGE := http://127.0.0.1:8780
 OPEN_PAGE := if [ -n "$(DISPLAY)$(WAYLAND_DISPLAY)" ] && command -v xdg-open >/dev/null; then \
   (for _ in $$(seq 60); do curl -sf $(DEMO_PAGE)/healthz >/dev/null && { xdg-open $(DEMO_PAGE) >/dev/null 2>&1; break; }; sleep 1; done) & fi
 
-.PHONY: announce help demo demo-table demo-temple demo-lamp demo-webcam build test check docs docs-write unit advisories bench bench-table bench-compare gpu-check fidelity near-lamps calibration soak fuzz fmt packages-demo packages-test toolchain clean install uninstall deb tarball deb-proof test-devices
+.PHONY: announce help demo demo-table demo-temple demo-lamp demo-webcam build test check docs docs-write unit advisories bench bench-table bench-compare gpu-check fidelity near-lamps calibration faults soak fuzz fmt packages-demo packages-test toolchain clean install uninstall deb tarball deb-proof test-devices
 
 help: ## This list
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/' | expand -t 14
@@ -117,6 +117,9 @@ near-lamps: build ## What estimated places of lamps change, with wrong descripti
 
 calibration: build ## Compare calibration and registration with known references; ARGS="--simulated DIR --only intrinsics"
 	@$(UNPACKED) python3 tests/judge/calibration.py --penumbra $(PENUMBRA) --truth $(TRUTH) $(ARGS)
+
+faults: toolchain ## Inject 20 kinds of fault, 100 times each, into a live rig; ARGS="--rounds 5 --write"
+	@$(UNPACKED) python3 tests/judge/faults.py $(ARGS)
 
 soak: build ## Long: memory must stay constant over 10,000 frames of a looped replay
 	@$(UNPACKED) python3 tests/judge/soak.py $(PENUMBRA) $(SESSION) $(ARGS)

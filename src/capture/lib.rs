@@ -6,6 +6,8 @@
 //!   played as a device, or a device of a test.
 //! - [`supervisor`] runs one loop per device on the device's own thread: open, stream, wait
 //!   after an error ([`backoff`]), open again. Status goes to a [`DeviceMonitor`].
+//! - `irregular` corrects and counts deliveries that are repeated, out of order, late, or stamped
+//!   with impossible times.
 //! - [`hub`] merges all deliveries into one ordered queue and hands them to the rig, to the
 //!   recorder ([`RecorderQueue`]) and to a calibration step ([`FrameTap`]).
 //! - [`live`] starts all of it for the devices of one rig.
@@ -16,6 +18,7 @@ pub mod backoff;
 mod device;
 mod drivers;
 pub mod hub;
+mod irregular;
 pub mod live;
 mod monitor;
 mod next;
@@ -28,6 +31,7 @@ pub mod time;
 pub use device::{Device, DeviceReport};
 pub use drivers::list_cameras;
 pub use hub::{Delivery, Hub, HubCounts};
+pub use irregular::{IrregularCounts, Irregularity};
 pub use live::{Capture, Devices, LiveDevice};
 pub use monitor::{DeviceMonitor, DeviceState, DeviceStatus};
 pub use next::Next;

@@ -3,12 +3,16 @@
 use crate::device::DeviceReport;
 use crate::drivers::camera_name_and_serial;
 use crate::hub::Hub;
+use crate::irregular::{ArrivalCheck, FrameCheck, Irregularity, is_whole};
 use crate::monitor::{DeviceMonitor, DeviceStatus};
 use crate::source::{Recordings, open_camera, open_tracker};
 use crate::supervisor::{Limits, Sink, Supervisor};
 use crate::time::StoppableSystemClock;
+use bytes::Bytes;
 use penumbra_config::{CameraSource, TrackerSource};
-use penumbra_interface::{Clock, DeviceKind, Frame, SystemClock, TrackerBytes, threads};
+use penumbra_interface::{
+    Clock, DeviceKind, Frame, MonotonicTime, SystemClock, TrackerBytes, threads,
+};
 use penumbra_session::{Camera as Stream, SessionEvent};
 use std::io;
 use std::sync::Arc;
@@ -30,6 +34,9 @@ pub struct Devices {
     pub tracker: Option<TrackerSource>,
 }
 
+/// Size of the shortest record of a tracker, bytes.
+const MIN_RECORD_BYTES: usize = 16;
+
 /// One supervised device.
 #[derive(Clone)]
 pub struct LiveDevice {
@@ -45,6 +52,12 @@ impl LiveDevice {
     #[must_use]
     pub fn status(&self) -> DeviceStatus {
         self.monitor.status()
+    }
+
+    /// Counts a delivery that could not be decoded, for this reason.
+    pub fn undecodable(&self, reason: &str) {
+        let kind = Irregularity::Undecodable;
+        self.monitor.irregular(kind, &self.name, Some(reason));
     }
 
     /// Returns its product name, or else its identity, and its serial number; `None` before it
@@ -121,7 +134,12 @@ impl Capture {
         self.threads.push(threads::spawn(thread, move || {
             let clock: Arc<dyn Clock> = Arc::new(SystemClock);
             let mut open = || open_camera(&source, stream, &recordings, &clock);
-            let mut sink = CameraSink { stream, hub };
+            let mut sink = CameraSink {
+                stream,
+                hub,
+                notes: Notes::new(&name, &monitor),
+                check: FrameCheck::default(),
+            };
             let supervisor = Supervisor {
                 name: &name,
                 monitor: &monitor,
@@ -143,6 +161,8 @@ impl Capture {
             let mut sink = TrackerSink {
                 protocol: Arc::from(""),
                 hub,
+                notes: Notes::new(&name, &monitor),
+                last: Bytes::new(),
             };
             let supervisor = Supervisor {
                 name: &name,
@@ -184,16 +204,56 @@ fn limits(is_replay: bool) -> Limits {
     limits
 }
 
-/// Puts a camera's pictures into the hub.
-struct CameraSink {
-    stream: Stream,
-    hub: Arc<Hub>,
+/// Notes irregular deliveries of a device.
+struct Notes<'a> {
+    name: &'a str,
+    monitor: &'a DeviceMonitor,
+    arrivals: ArrivalCheck,
 }
 
-impl Sink<Frame> for CameraSink {
+impl<'a> Notes<'a> {
+    fn new(name: &'a str, monitor: &'a DeviceMonitor) -> Self {
+        let arrivals = ArrivalCheck::default();
+        Self {
+            name,
+            monitor,
+            arrivals,
+        }
+    }
+
+    fn note(&self, kind: Irregularity) {
+        self.monitor.irregular(kind, self.name, None);
+    }
+
+    fn arrived(&mut self, at: MonotonicTime) {
+        if let Some(kind) = self.arrivals.add(at) {
+            self.note(kind);
+        }
+    }
+}
+
+/// Puts a camera's pictures into the hub.
+struct CameraSink<'a> {
+    stream: Stream,
+    hub: Arc<Hub>,
+    notes: Notes<'a>,
+    check: FrameCheck,
+}
+
+impl Sink<Frame> for CameraSink<'_> {
     fn report(&mut self, _: &DeviceReport) {}
 
-    fn deliver(&mut self, frame: Frame) {
+    fn deliver(&mut self, mut frame: Frame) {
+        self.notes.arrived(frame.arrived_at);
+        let notes = &self.notes;
+        if !self.check.check(&mut frame, |kind| notes.note(kind)) {
+            return;
+        }
+        // The light reads only some of these pictures, so their damage would show late or never.
+        if self.stream == Stream::Environment && !is_whole(&frame) {
+            notes.note(Irregularity::Undecodable);
+            return;
+        }
         self.hub.deliver(match self.stream {
             Stream::Scene => SessionEvent::Scene(frame),
             Stream::Environment => SessionEvent::Environment(frame),
@@ -202,12 +262,15 @@ impl Sink<Frame> for CameraSink {
 }
 
 /// Puts a tracker's bytes into the hub, with the protocol that the driver reports.
-struct TrackerSink {
+struct TrackerSink<'a> {
     protocol: Arc<str>,
     hub: Arc<Hub>,
+    notes: Notes<'a>,
+    /// The bytes of the delivery before.
+    last: Bytes,
 }
 
-impl Sink<TrackerBytes> for TrackerSink {
+impl Sink<TrackerBytes> for TrackerSink<'_> {
     fn report(&mut self, report: &DeviceReport) {
         if let DeviceReport::Tracker(report) = report
             && *self.protocol != *report.protocol
@@ -217,6 +280,15 @@ impl Sink<TrackerBytes> for TrackerSink {
     }
 
     fn deliver(&mut self, item: TrackerBytes) {
+        // A sensor at rest sends equal records, but not at once. Short pieces of a record may be equal.
+        // They are passed on, because a piece of a record that is missing would damage it.
+        let is_long = item.bytes.len() >= MIN_RECORD_BYTES;
+        let is_premature = self.notes.arrivals.is_premature(item.arrived_at);
+        if is_long && is_premature && item.bytes == self.last {
+            self.notes.note(Irregularity::Repeated);
+        }
+        self.notes.arrived(item.arrived_at);
+        self.last = item.bytes.clone();
         self.hub.deliver(SessionEvent::TrackerBytes {
             protocol: Arc::clone(&self.protocol),
             bytes: item.bytes,

@@ -1,6 +1,7 @@
 //! The status of one device, shared between its supervisor and the readers of the status.
 
 use crate::device::DeviceReport;
+use crate::irregular::{IrregularCounts, Irregularity};
 use penumbra_interface::{DeviceError, MonotonicTime, Recovery};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
@@ -47,6 +48,8 @@ pub struct DeviceStatus {
     pub bytes: u64,
     /// Number of deliveries that the driver reported as damaged.
     pub damaged: u64,
+    /// Numbers of irregular deliveries.
+    pub irregular: IrregularCounts,
     /// When the most recent delivery arrived.
     pub last_at: Option<MonotonicTime>,
     /// The driver's report about the device.
@@ -98,6 +101,14 @@ impl DeviceMonitor {
         let mut status = self.lock();
         status.damaged += 1;
         status.last_trouble = Some(error.to_string());
+    }
+
+    /// Counts an irregular delivery; `detail` says more than its kind.
+    pub(crate) fn irregular(&self, kind: Irregularity, name: &str, detail: Option<&str>) {
+        let mut status = self.lock();
+        status.irregular.add(kind);
+        let what = detail.unwrap_or_else(|| kind.description());
+        status.last_trouble = Some(format!("{name}: {what}"));
     }
 
     pub(crate) fn silent(&self, error: &DeviceError) {

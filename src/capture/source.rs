@@ -5,7 +5,7 @@ use penumbra_config::{CameraSource, TrackerSource, replay_name};
 use penumbra_interface::{Camera, Clock, DeviceError, Frame, Tracker, TrackerBytes};
 use penumbra_replay::{Items, ReplayCamera, ReplayTracker, Timeline};
 use penumbra_session::{Camera as Stream, Session, SessionError, SessionEvent};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -18,6 +18,33 @@ pub struct Recordings(Arc<Mutex<BTreeMap<PathBuf, Recording>>>);
 struct Recording {
     session: Session,
     timeline: Arc<Timeline>,
+    damage: Damage,
+}
+
+/// Maximum number of damaged parts of a recording that are named.
+const MAX_NAMED: usize = 16;
+
+/// The damaged parts of a recording that were named. It is played again and again, by several
+/// devices.
+#[derive(Clone, Default)]
+struct Damage(Arc<Mutex<BTreeSet<String>>>);
+
+impl Damage {
+    /// Warns of a damaged part once.
+    fn warn(&self, error: &SessionError) {
+        let mut named = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let text = error.to_string();
+        if named.len() < MAX_NAMED && named.insert(text) {
+            tracing::warn!("{error}");
+        }
+    }
+
+    /// The events of the recording without its damaged parts.
+    fn intact(&self, session: &Session) -> impl Iterator<Item = SessionEvent> + use<> {
+        let damage = self.clone();
+        let events = session.events();
+        events.filter_map(move |event| event.inspect_err(|error| damage.warn(error)).ok())
+    }
 }
 
 impl Recordings {
@@ -33,7 +60,10 @@ impl Recordings {
         let recording = Recording {
             session,
             timeline: Arc::new(timeline),
+            damage: Damage::default(),
         };
+        let found = recording.session.damage();
+        found.iter().for_each(|error| recording.damage.warn(error));
         opened.insert(path.to_owned(), recording.clone());
         Ok(recording)
     }
@@ -65,10 +95,13 @@ pub fn open_camera(
         CameraSource::Custom(factory) => factory.open(clock),
         CameraSource::Replay(path) => {
             let recording = recordings.open(path, clock)?;
-            let session = recording.session;
-            let frames = move || frames(&session, stream);
-            let camera =
-                ReplayCamera::new(&replay_name(path), recording.timeline, Box::new(frames));
+            let Recording {
+                session,
+                timeline,
+                damage,
+            } = recording;
+            let frames = move || frames(&damage, &session, stream);
+            let camera = ReplayCamera::new(&replay_name(path), timeline, Box::new(frames));
             Ok(Box::new(camera))
         }
     }
@@ -87,14 +120,18 @@ pub fn open_tracker(
         TrackerSource::System(config) => drivers::open_tracker(config),
         TrackerSource::Custom(factory) => factory.open(clock),
         TrackerSource::Replay(path) => {
-            let Recording { session, timeline } = recordings.open(path, clock)?;
+            let Recording {
+                session,
+                timeline,
+                damage,
+            } = recordings.open(path, clock)?;
             let Some(protocol) = session.tracker_protocol().map(str::to_owned) else {
                 return Err(DeviceError::Refused {
                     device: replay_name(path),
                     reason: "it has no tracker data; name another recording".to_owned(),
                 });
             };
-            let bytes = move || tracker_bytes(&session);
+            let bytes = move || tracker_bytes(&damage, &session);
             Ok(Box::new(ReplayTracker::new(
                 &replay_name(path),
                 &protocol,
@@ -105,8 +142,8 @@ pub fn open_tracker(
     }
 }
 
-fn frames(session: &Session, stream: Stream) -> Items<Frame> {
-    let events = session.events().filter_map(Result::ok);
+fn frames(damage: &Damage, session: &Session, stream: Stream) -> Items<Frame> {
+    let events = damage.intact(session);
     Box::new(events.filter_map(move |event| match (event, stream) {
         (SessionEvent::Scene(frame), Stream::Scene)
         | (SessionEvent::Environment(frame), Stream::Environment) => Some(frame),
@@ -114,8 +151,8 @@ fn frames(session: &Session, stream: Stream) -> Items<Frame> {
     }))
 }
 
-fn tracker_bytes(session: &Session) -> Items<TrackerBytes> {
-    let events = session.events().filter_map(Result::ok);
+fn tracker_bytes(damage: &Damage, session: &Session) -> Items<TrackerBytes> {
+    let events = damage.intact(session);
     Box::new(events.filter_map(|event| match event {
         SessionEvent::TrackerBytes {
             bytes, arrived_at, ..

@@ -1,5 +1,6 @@
 //! The commands that only read: `info`, `check-config`, `doctor`.
 
+use super::files::read_pdf;
 use crate::doctor::{DoctorOptions, State, examine};
 use clap::Args;
 use penumbra_config::check_config as read_and_check;
@@ -92,6 +93,9 @@ pub fn check_config(args: &CheckConfigArgs) -> anyhow::Result<ExitCode> {
     let summary = read_and_check(&args.file)?;
     check_files(&summary.config)
         .map_err(|error| anyhow::anyhow!("{}: {error}", args.file.display()))?;
+    if let Some(sheet) = &summary.config.status.guide {
+        read_pdf(sheet).map_err(|error| anyhow::anyhow!("{}: {error}", args.file.display()))?;
+    }
     if args.json {
         let all = json!({ "changed": summary.changed, "effective": summary.effective });
         super::say(serde_json::to_string_pretty(&all)?);

@@ -121,8 +121,9 @@ pub fn run() -> ExitCode {
 fn refuse(error: &clap::Error) -> ExitCode {
     if let Some(message) = renamed(error) {
         let _ = writeln!(std::io::stderr().lock(), "penumbra: {message}");
-    } else {
-        let _ = error.print();
+    } else if let Err(source) = error.print().and_then(|()| std::io::stdout().flush()) {
+        complain(&output_error(&source));
+        return ExitCode::FAILURE;
     }
     ExitCode::from(u8::try_from(error.exit_code()).unwrap_or(2))
 }
@@ -201,8 +202,12 @@ fn say(text: impl Display) {
 fn check_output() -> anyhow::Result<()> {
     match OUTPUT_ERROR.get() {
         None => Ok(()),
-        Some(error) => anyhow::bail!("standard output cannot be written ({error}); free space"),
+        Some(error) => Err(output_error(error)),
     }
+}
+
+fn output_error(error: &std::io::Error) -> anyhow::Error {
+    anyhow::anyhow!("standard output cannot be written ({error}); free space")
 }
 
 /// Prints an error that ends the program to standard error.

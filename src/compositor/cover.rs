@@ -119,8 +119,10 @@ const fn rectangle([x, y]: [[u32; 2]; 2]) -> [u32; 4] {
 fn join(a: [[u32; 2]; 2], b: [[u32; 2]; 2]) -> [[u32; 2]; 2] {
     let is_empty = |[x, y]: [[u32; 2]; 2]| x[0] == x[1] || y[0] == y[1];
     match (is_empty(a), is_empty(b)) {
-        (true, _) => b,
-        (_, true) => a,
+        // An empty one may begin beyond a picture that has become smaller.
+        (true, true) => [[0; 2]; 2],
+        (true, false) => b,
+        (false, true) => a,
         _ => std::array::from_fn(|i| [a[i][0].min(b[i][0]), a[i][1].max(b[i][1])]),
     }
 }
@@ -252,6 +254,16 @@ mod tests {
         // A smaller picture has new textures; the rectangle must lie in it.
         let [x, y, width, height] = show(0.0, 4 * TILE, true);
         assert!(x + width <= 4 && y + height <= 4);
+    }
+
+    #[test]
+    fn nothing_is_cleared_beyond_a_smaller_picture_without_objects() {
+        let mut cover = Cover::default();
+        cover.set_boxes(vec![cube(DVec3::new(0.0, 0.0, 2.0), 0.1)]);
+        cover.update(clip(), (20 * TILE, 20 * TILE), true, std::iter::empty());
+        cover.set_drawn();
+        cover.update(clip(), (5, 5), false, std::iter::empty());
+        assert_eq!(cover.rectangle_to_clear(), [0; 4]);
     }
 
     #[test]

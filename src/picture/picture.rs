@@ -29,6 +29,26 @@ impl Picture {
         [self.rgba[i], self.rgba[i + 1], self.rgba[i + 2]]
     }
 
+    /// Returns the picture stretched to `size`, each pixel that of the nearest one.
+    #[must_use]
+    pub fn stretched(&self, (width, height): (u32, u32)) -> Self {
+        let mut rgba = Vec::with_capacity(4 * width as usize * height as usize);
+        let source =
+            |at: u32, size: u32, of: u32| (u64::from(at) * u64::from(of) / u64::from(size)) as u32;
+        for y in 0..height {
+            for x in 0..width {
+                let (x, y) = (source(x, width, self.width), source(y, height, self.height));
+                let [r, g, b] = self.rgb(x, y);
+                rgba.extend([r, g, b, 255]);
+            }
+        }
+        Self {
+            width,
+            height,
+            rgba,
+        }
+    }
+
     /// Copies `other`, reusing the buffer.
     pub fn copy_from(&mut self, other: &Self) {
         (self.width, self.height) = (other.width, other.height);
@@ -47,5 +67,28 @@ impl Picture {
         self.rgba.resize(4 * pixels as usize, 255);
         (self.width, self.height) = (width, height);
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn stretched_picture_repeats_or_leaves_out_pixels() {
+        let rgba = (0..4).flat_map(|i| [i, i, i, 255]).collect();
+        let picture = Picture {
+            width: 2,
+            height: 2,
+            rgba,
+        };
+        let large = picture.stretched((4, 2));
+        let row = |p: &Picture, y| (0..p.width).map(|x| p.rgb(x, y)[0]).collect::<Vec<_>>();
+        assert_eq!(
+            (row(&large, 0), row(&large, 1)),
+            (vec![0, 0, 1, 1], vec![2, 2, 3, 3])
+        );
+        assert_eq!(large.stretched((2, 2)), picture);
+        assert_eq!(row(&picture.stretched((1, 1)), 0), [0]);
     }
 }

@@ -30,6 +30,7 @@ pub fn check_files(config: &Config) -> Result<(), RigError> {
         ("recording.folder", Some(config.recording.folder.as_path())),
         ("planes.cache", config.planes.cache.as_deref()),
         ("output.frames", config.output.frames.as_deref()),
+        ("scene.folder", config.scene_files.folder.as_deref()),
     ];
     for (key, folder) in folders {
         if let Some(folder) = folder {

@@ -1,6 +1,6 @@
 //! The damaged parts of a recording, for the user: warnings, status, report.
 
-use penumbra_session::{Camera, LostMessages, SessionError};
+use penumbra_session::{Camera, LostMessages, Session, SessionError, SessionEvent};
 use penumbra_status::SharedStatus;
 use serde::Serialize;
 
@@ -8,6 +8,27 @@ use serde::Serialize;
 const MAX_LOGGED: u64 = 16;
 /// Maximum number of damaged parts that are listed in the report.
 const MAX_LISTED: usize = 256;
+
+/// Returns the events of a recording, and warns of its damaged parts.
+pub(super) fn intact_events(session: &Session) -> impl Iterator<Item = SessionEvent> {
+    let mut number = 0;
+    let mut warn = move |error: &SessionError| {
+        log(error, number);
+        number += 1;
+    };
+    session.damage().iter().for_each(&mut warn);
+    let events = session.events();
+    events.filter_map(move |event| event.inspect_err(&mut warn).ok())
+}
+
+/// Warns of the damaged part with this number.
+pub(super) fn log(error: &SessionError, number: u64) {
+    if number < MAX_LOGGED {
+        tracing::warn!("{error}");
+    } else if number == MAX_LOGGED {
+        tracing::warn!("further damaged parts are only counted");
+    }
+}
 
 /// Counts of what the damaged parts of a recording held.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -51,11 +72,7 @@ impl DamageLog {
         if self.is_complete {
             return;
         }
-        if self.number < MAX_LOGGED {
-            tracing::warn!("{error}");
-        } else if self.number == MAX_LOGGED {
-            tracing::warn!("further damaged parts are only counted");
-        }
+        log(error, self.number);
         self.count(error, status);
     }
 

@@ -224,7 +224,8 @@ pub enum RigError {
     },
     /// No picture of the scene camera could be decoded.
     #[error(
-        "{path}: all {count} pictures of the scene camera are damaged; nothing was composed",
+        "{path}: all {count} pictures of the scene camera are damaged ({reason}); nothing was \
+         composed",
         path = path.display()
     )]
     AllDamaged {
@@ -232,6 +233,8 @@ pub enum RigError {
         path: PathBuf,
         /// Number of pictures.
         count: u64,
+        /// What is wrong with the first.
+        reason: String,
     },
     /// The session has no scene camera picture.
     #[error("{path}: has no scene camera picture to compose", path = path.display())]

@@ -3,13 +3,14 @@
 use crate::frame::Counts;
 use crate::rates::DeviceRate;
 use crate::source::Live;
-use penumbra_capture::{DeviceReport, DeviceState as Captured, DeviceStatus};
+use penumbra_capture::{DeviceReport, DeviceState as Captured, DeviceStatus, Irregularity};
 use penumbra_interface::DeviceKind;
 use penumbra_interface::{
     CameraReport, Clock, ControlReport, ControlStanding, MonotonicTime, StampSource, SystemClock,
 };
 use penumbra_status::Snapshot;
-use penumbra_status::snapshot::{Control, Device, DeviceState, SessionState};
+use penumbra_status::snapshot::{Control, Device, DeviceState, Problem, SessionState};
+use penumbra_sync::PairingCounts;
 
 /// Number of bytes from a tracker within which a record is expected.
 const BYTES_FOR_A_RECORD: u64 = 1000;
@@ -35,6 +36,9 @@ pub(super) fn devices(s: &mut Snapshot, live: &Live, rates: &[DeviceRate; 3], co
         device.dropped += lost;
         if live.kind == DeviceKind::Tracker {
             device.dropped += counts.lost_readings;
+            let (skipped, lost) = (counts.skipped_tracker_bytes, counts.lost_readings);
+            let found = tracker_problems(&counts.pairing, skipped, lost);
+            device.problems.extend(problems(&found));
             let reason = device.reason.take();
             device.reason = reason.or_else(|| counts.pairing.wrong_station());
         }
@@ -79,6 +83,9 @@ fn write(device: &mut Device, status: &DeviceStatus, rate: &DeviceRate, now: Mon
         _ => status.received,
     };
     device.per_second = rate.per_second;
+    let irregular = Irregularity::ALL.map(|k| (k.description(), status.irregular.get(k)));
+    device.problems.clear();
+    device.problems.extend(problems(&irregular));
     device.last_age_ms = status.last_at.map(|at| now.seconds_since(at) * 1e3);
     match &status.report {
         DeviceReport::None => (),
@@ -95,6 +102,44 @@ fn write(device: &mut Device, status: &DeviceStatus, rate: &DeviceRate, now: Mon
             }
         }
     }
+}
+
+/// Returns those that have occurred.
+fn problems(counts: &[(&'static str, u64)]) -> impl Iterator<Item = Problem> {
+    let occurred = counts.iter().filter(|(_, count)| *count > 0);
+    occurred.map(|&(text, count)| Problem { text, count })
+}
+
+/// What was wrong with single readings of the tracker.
+fn tracker_problems(
+    pairing: &PairingCounts,
+    skipped_bytes: u64,
+    lost: u64,
+) -> [(&'static str, u64); 5] {
+    let jumps = pairing.rejected_poses - pairing.invalid_poses - pairing.late_poses;
+    [
+        ("bytes that belong to no record", skipped_bytes),
+        ("missing, by its rate", lost),
+        ("no numbers or no rotation", pairing.invalid_poses),
+        ("not newer than the one before", pairing.late_poses),
+        ("position that no motion explains", jumps),
+    ]
+}
+
+/// What was wrong with single pictures of a camera, as its driver counts.
+fn camera_problems(report: &CameraReport, status: &DeviceStatus) -> [(&'static str, u64); 3] {
+    let counters = report.counters;
+    [
+        ("lost before they reached the driver", counters.lost),
+        (
+            "damaged, by the driver",
+            counters.damaged.max(status.damaged),
+        ),
+        (
+            "controls changed by another program",
+            counters.controls_changed,
+        ),
+    ]
 }
 
 /// Message for a tracker whose bytes contain no record of its protocol.
@@ -114,7 +159,11 @@ fn camera(device: &mut Device, report: &CameraReport, status: &DeviceStatus) {
     device.dropped = counters.lost
         + counters.damaged.max(status.damaged)
         + counters.superseded
-        + counters.unattributed;
+        + counters.unattributed
+        + status.irregular.get(Irregularity::Undecodable);
+    device
+        .problems
+        .extend(problems(&camera_problems(report, status)));
     device.mode = report.mode.map(|mode| {
         let size = match (mode.width, mode.height) {
             (0, 0) => String::new(),
@@ -248,6 +297,47 @@ mod tests {
         assert_eq!(
             statuses,
             ["refused: EACCES", "the camera has no such control"]
+        );
+    }
+
+    #[test]
+    fn problems_of_single_deliveries_are_named_with_their_numbers() {
+        let occurred = |counts: &[(&'static str, u64)]| -> Vec<(&str, u64)> {
+            problems(counts).map(|p| (p.text, p.count)).collect()
+        };
+        let status = DeviceStatus {
+            damaged: 3,
+            ..DeviceStatus::default()
+        };
+        let report = CameraReport {
+            counters: CameraCounters {
+                lost: 2,
+                damaged: 1,
+                ..CameraCounters::default()
+            },
+            ..CameraReport::default()
+        };
+        assert_eq!(
+            occurred(&camera_problems(&report, &status)),
+            [
+                ("lost before they reached the driver", 2),
+                ("damaged, by the driver", 3)
+            ]
+        );
+        let pairing = PairingCounts {
+            rejected_poses: 6,
+            invalid_poses: 1,
+            late_poses: 2,
+            ..Default::default()
+        };
+        assert_eq!(
+            occurred(&tracker_problems(&pairing, 70, 0)),
+            [
+                ("bytes that belong to no record", 70),
+                ("no numbers or no rotation", 1),
+                ("not newer than the one before", 2),
+                ("position that no motion explains", 3)
+            ]
         );
     }
 

@@ -10,7 +10,7 @@ const MAX_LISTED: usize = 64;
 pub struct PictureProblem {
     /// What is wrong, and what to do.
     pub description: String,
-    /// Number of pictures of the scene camera that were composed with it.
+    /// Number of pictures of the scene camera that have it.
     pub pictures: u64,
     /// Time of the first, seconds since the first picture.
     pub first_seconds: f64,
@@ -39,6 +39,11 @@ impl PictureProblems {
         }
     }
 
+    /// Returns the first problem; empty without one.
+    pub fn first(&self) -> &str {
+        self.0.first().map_or("", |problem| &problem.description)
+    }
+
     /// Returns the problems in the order of their first pictures.
     pub fn into_list(self) -> Vec<PictureProblem> {
         self.0
@@ -55,6 +60,7 @@ mod tests {
         for (text, seconds) in [("a", 0.5), ("b", 1.0), ("a", 2.0)] {
             problems.add(text, seconds);
         }
+        assert_eq!(problems.first(), "a");
         let list = problems.into_list();
         assert_eq!(list.len(), 2);
         assert_eq!((list[0].pictures, list[1].pictures), (2, 1));

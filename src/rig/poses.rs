@@ -17,7 +17,7 @@ const HEADER: &str = "picture,captured_ns,x,y,z,qw,qx,qy,qz,source,answer,sigma_
 /// A CSV file of poses.
 pub(super) struct PoseFile {
     path: PathBuf,
-    file: BufWriter<File>,
+    file: BufWriter<Box<dyn Write + Send>>,
 }
 
 impl PoseFile {
@@ -35,7 +35,7 @@ impl PoseFile {
         })?;
         let mut poses = Self {
             path: path.into(),
-            file: BufWriter::new(file),
+            file: BufWriter::new(Box::new(file)),
         };
         poses.put(|file| writeln!(file, "{HEADER}"))?;
         Ok(poses)
@@ -77,9 +77,14 @@ impl PoseFile {
 
     fn put(
         &mut self,
-        write: impl FnOnce(&mut BufWriter<File>) -> std::io::Result<()>,
+        write: impl FnOnce(&mut BufWriter<Box<dyn Write + Send>>) -> std::io::Result<()>,
     ) -> Result<(), RigError> {
-        Ok(write(&mut self.file).map_err(|source| OutputError::Write {
+        let written = write(&mut self.file);
+        // A part of the file is of no use. A device such as /dev/full stays.
+        if written.is_err() && self.path.is_file() {
+            let _ = std::fs::remove_file(&self.path);
+        }
+        Ok(written.map_err(|source| OutputError::Write {
             path: self.path.clone(),
             source,
         })?)
@@ -103,4 +108,29 @@ fn write_sigmas(file: &mut impl Write, sigmas: [Option<f64>; 3]) -> std::io::Res
         }
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use penumbra_faulty::FaultyDisk;
+
+    #[test]
+    fn full_disk_leaves_no_part_of_the_file() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("poses.csv");
+        let disk = FaultyDisk::default();
+        let file = disk.file(File::create(&path).unwrap());
+        let mut poses = PoseFile {
+            path: path.clone(),
+            file: BufWriter::new(Box::new(file)),
+        };
+        poses.put(|file| writeln!(file, "{HEADER}")).unwrap();
+        poses.put(Write::flush).unwrap();
+        disk.set_full(true);
+        poses.put(|file| writeln!(file, "1,2")).unwrap();
+        let error = poses.finish().unwrap_err().to_string();
+        assert!(error.contains("poses.csv"), "{error}");
+        assert!(!path.exists());
+    }
 }

@@ -35,7 +35,7 @@ use penumbra_config::TrackerSource;
 use penumbra_config::{Config, LookConfig, PoseSource, Predict, ReplayPairing, ReplaySpeed};
 use penumbra_interface::threads;
 use penumbra_interface::{MonotonicTime, RigidTransform};
-use penumbra_picture::{Picture, YuvEncoding, decode_within};
+use penumbra_picture::{Picture, PictureError, YuvEncoding, decode_within};
 use penumbra_registration::TrackerPose;
 use penumbra_session::SessionError;
 use penumbra_status::{LensStatus, Playback, RegistrationStatus, Settings};
@@ -69,7 +69,14 @@ pub enum PreparationEvent {
     /// A frame was skipped because it was late.
     Skipped,
     /// A picture could not be decoded.
-    Damaged,
+    Damaged {
+        /// Why.
+        error: PictureError,
+        /// Seconds since the first picture.
+        seconds: f64,
+        /// Counts so far.
+        counts: Box<Counts>,
+    },
     /// A damaged part of the recording was skipped.
     DamagedPart(Box<SessionError>),
     /// No camera has delivered a picture for a while.
@@ -429,14 +436,14 @@ impl Worker {
             return PreparationEvent::Skipped;
         }
         let begun = Instant::now();
-        let Some(picture) = self.decode(&frame) else {
-            return PreparationEvent::Damaged;
+        let seconds = frame.captured_at.seconds_since(first);
+        let (picture, mismatch) = match self.fitting_picture(&frame, seconds) {
+            Ok(fitting) => fitting,
+            Err(damaged) => return damaged,
         };
         let decoding = begun.elapsed();
-        let mismatch = self.size_mismatch(&picture);
         let fits = mismatch.is_none();
         let tracked = self.setup.world_from_camera(&frame).filter(|_| fits);
-        let seconds = frame.captured_at.seconds_since(first);
         let (world_from_camera, sphere, mut registration) =
             self.register(&picture, &frame, tracked, fits);
         let (setup, tracker) = (&self.setup, self.feed.tracker());
@@ -481,12 +488,39 @@ impl Worker {
         }))
     }
 
-    /// Decodes the scene camera's picture; `None` if it is damaged.
-    fn decode(&self, frame: &RigFrame) -> Option<Picture> {
+    /// Decodes the scene camera's picture; returns it with a warning if it has not the calibrated size.
+    /// A live one is then stretched: preparing for another size would stop the picture, twice if only
+    /// some pictures have it.
+    ///
+    /// # Errors
+    /// The picture is damaged.
+    fn fitting_picture(
+        &mut self,
+        frame: &RigFrame,
+        seconds: f64,
+    ) -> Result<(Picture, Option<String>), PreparationEvent> {
+        let picture = self
+            .decode(frame)
+            .map_err(|error| PreparationEvent::Damaged {
+                error,
+                seconds,
+                counts: Box::new(self.counts(false)),
+            })?;
+        let mismatch = self.size_mismatch(&picture);
+        if mismatch.is_none() || self.pace.is_some() {
+            return Ok((picture, mismatch));
+        }
+        let camera = &self.setup.calibration.scene_camera.camera;
+        let stretched = picture.stretched((camera.width, camera.height));
+        Ok((stretched, mismatch))
+    }
+
+    /// Decodes the scene camera's picture.
+    fn decode(&self, frame: &RigFrame) -> Result<Picture, PictureError> {
         let mut picture = self.recycled.try_recv().unwrap_or_default();
         let max_pixels = self.setup.max_scene_pixels();
-        let decoded = decode_within(max_pixels, &frame.scene, &self.yuv, &mut picture);
-        decoded.is_ok().then_some(picture)
+        decode_within(max_pixels, &frame.scene, &self.yuv, &mut picture)?;
+        Ok(picture)
     }
 
     /// Returns the camera of the last picture: the calibrated one, or the one that its lens has been
@@ -642,7 +676,7 @@ impl Worker {
     }
 
     /// Returns a warning if the picture's size differs from the calibrated size. Such a picture is
-    /// shown unchanged, because virtual objects cannot be aligned with it.
+    /// shown without virtual objects, because they cannot be aligned with it; a live one is stretched.
     fn size_mismatch(&self, picture: &Picture) -> Option<String> {
         let camera = &self.setup.calibration.scene_camera.camera;
         let fits = (picture.width, picture.height) == (camera.width, camera.height);

@@ -11,13 +11,13 @@ use penumbra_capture::{Hub, RecorderQueue};
 use penumbra_config::RecordingConfig;
 use penumbra_interface::threads;
 use penumbra_interface::{Clock, MonotonicTime, SystemClock};
-use penumbra_session::{SessionError, SessionEvent, SessionWriter};
+use penumbra_session::{SessionError, SessionEvent, SessionWriter, new_file};
 use penumbra_status::SharedStatus;
 use penumbra_status::recording::{
     Recording, RecordingControl, RecordingRefusal, RecordingRequest, RecordingState,
 };
 use std::fs::File;
-use std::io::BufWriter;
+use std::io::{BufWriter, Seek, Write};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -28,6 +28,16 @@ use std::time::Duration;
 const QUEUE_CAPACITY: usize = 16_384;
 /// Interval of flushes. A killed recorder loses little more than this.
 const FLUSH_EVERY: Duration = Duration::from_millis(500);
+/// A write that takes longer means that the disk is slow.
+const SLOW_WRITE: Duration = Duration::from_millis(250);
+
+/// A file that a recording is written to.
+pub trait RecordingFile: Write + Seek + Send {}
+
+impl<T: Write + Seek + Send> RecordingFile for T {}
+
+/// Returns what is written to in place of a new file, e.g. a disk with faults in tests.
+pub type WrapFile = Box<dyn Fn(File) -> Box<dyn RecordingFile> + Send + Sync>;
 
 /// Records the events of a [`Hub`] on request.
 pub struct Recorder {
@@ -36,6 +46,7 @@ pub struct Recorder {
     composites: Arc<Composites>,
     config: RecordingConfig,
     status: Arc<SharedStatus>,
+    wrap: WrapFile,
     running: Mutex<Option<Running>>,
 }
 
@@ -51,9 +62,27 @@ impl Recorder {
     #[must_use]
     pub fn new(
         hub: Arc<Hub>,
+        contents: (Arc<RigFiles>, Arc<Composites>),
+        config: RecordingConfig,
+        status: Arc<SharedStatus>,
+    ) -> Arc<Self> {
+        Self::on_disk(
+            hub,
+            contents,
+            config,
+            status,
+            Box::new(|file| Box::new(file)),
+        )
+    }
+
+    /// As [`Self::new`], and writes to what `wrap` makes of each new file.
+    #[must_use]
+    pub fn on_disk(
+        hub: Arc<Hub>,
         (files, composites): (Arc<RigFiles>, Arc<Composites>),
         config: RecordingConfig,
         status: Arc<SharedStatus>,
+        wrap: WrapFile,
     ) -> Arc<Self> {
         status.update(|s| {
             s.recording.state = RecordingState::Idle;
@@ -66,6 +95,7 @@ impl Recorder {
             composites,
             config,
             status,
+            wrap,
             running: Mutex::new(None),
         })
     }
@@ -124,7 +154,8 @@ impl Recorder {
     ) -> Result<Job, RigError> {
         let configured = self.config.max_duration_nanos;
         let configured = configured.map(|nanos| Duration::from_nanos(nanos.unsigned_abs()));
-        let writer = SessionWriter::create(path)?;
+        let file = BufWriter::new((self.wrap)(new_file(path)?));
+        let writer = SessionWriter::new(file, path)?;
         let composites = composite.then(|| self.composites.start()).transpose();
         let composites = composites.map_err(|source| RigError::Thread { source })?;
         Ok(Job {
@@ -142,6 +173,7 @@ impl Recorder {
             max_duration: [configured, max_duration].into_iter().flatten().min(),
             started: SystemClock.now(),
             flushed: SystemClock.now(),
+            slowest: Duration::ZERO,
             recording: Recording {
                 file: Some(path.display().to_string()),
                 composite,
@@ -220,7 +252,7 @@ enum End {
 
 /// A running recording.
 struct Job {
-    writer: SessionWriter<BufWriter<File>>,
+    writer: SessionWriter<BufWriter<Box<dyn RecordingFile>>>,
     queue: Receiver<SessionEvent>,
     composites: Option<CompositeQueue>,
     queued_bytes: Arc<AtomicU64>,
@@ -234,6 +266,8 @@ struct Job {
     max_duration: Option<Duration>,
     started: MonotonicTime,
     flushed: MonotonicTime,
+    /// Duration of the longest write.
+    slowest: Duration,
     recording: Recording,
 }
 
@@ -260,15 +294,15 @@ impl Job {
                 return Ok(End::Regular("Finished."));
             }
             match self.queue.recv_timeout(FLUSH_EVERY / 4) {
-                Ok(event) => self.write(&event)?,
+                Ok(event) => self.timed(|job| job.write(&event))?,
                 Err(RecvTimeoutError::Timeout) => (),
                 Err(RecvTimeoutError::Disconnected) => return Ok(End::Regular("Finished.")),
             }
-            self.write_composites()?;
+            self.timed(Self::write_composites)?;
             let now = SystemClock.now();
             if now >= self.flushed + FLUSH_EVERY {
                 self.flushed = now;
-                self.writer.flush()?;
+                self.timed(|job| job.writer.flush())?;
                 self.publish();
                 if self.free().is_some_and(|free| free < self.reserve_bytes) {
                     return Ok(End::Reserve);
@@ -281,6 +315,18 @@ impl Job {
                 return Ok(End::Regular("Finished: the maximum duration is reached."));
             }
         }
+    }
+
+    /// Writes, and notes how long that takes.
+    fn timed(
+        &mut self,
+        write: impl FnOnce(&mut Self) -> Result<(), SessionError>,
+    ) -> Result<(), SessionError> {
+        let begun = SystemClock.now();
+        let outcome = write(self);
+        let nanos = SystemClock.now().nanos_since(begun).max(0);
+        self.slowest = self.slowest.max(Duration::from_nanos(nanos.unsigned_abs()));
+        outcome
     }
 
     /// Writes an event. An event that cannot be encoded is dropped and counted; an error of the
@@ -393,7 +439,12 @@ impl Job {
         self.measure();
         let recording = &mut self.recording;
         recording.state = RecordingState::Recording;
-        "Recording.".clone_into(&mut recording.description);
+        recording.description = if self.slowest > SLOW_WRITE {
+            let seconds = self.slowest.as_secs_f64();
+            format!("Recording; the disk is slow: a write took {seconds:.1} s.")
+        } else {
+            "Recording.".to_owned()
+        };
         self.status.update(|s| s.recording.clone_from(recording));
     }
 }

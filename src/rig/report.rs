@@ -29,7 +29,7 @@ pub struct Report {
     pub inputs: InputCounts,
     /// The damaged parts of the file, at most 256, and what they held.
     pub damage: Vec<DamagedPart>,
-    /// Problems of single pictures: damaged pictures of the environment camera, wrong sizes.
+    /// Problems of single pictures: damaged ones of either camera, wrong sizes.
     pub picture_problems: Vec<PictureProblem>,
     /// Age of the environment picture at the exposure of the scene picture, milliseconds.
     pub skew_ms: Skew,

@@ -27,11 +27,11 @@ use crate::status::Published;
 use penumbra_compositor::{Compositor, FrameInput, Gpu, LensOutput, Refresh};
 use penumbra_config::Distortion;
 use penumbra_config::Technique;
-use penumbra_interface::{Clock, SystemClock};
+use penumbra_interface::{Clock, DeviceKind, SystemClock};
 use penumbra_lighting::{BrightestFollower, BrightestLight};
 use penumbra_output::Screen;
 use penumbra_output::files::FrameFolder;
-use penumbra_picture::Picture;
+use penumbra_picture::{Picture, PictureError};
 use penumbra_scene::PlacedLamp;
 use penumbra_status::RegistrationSource;
 use penumbra_status::snapshot::SessionState;
@@ -123,6 +123,8 @@ pub(super) struct Run {
     is_closed: bool,
     /// Number of times that the graphics device was lost since the last composed picture.
     successive_losses: u32,
+    /// An error that did not end the run.
+    late_error: Option<RigError>,
 }
 
 impl Run {
@@ -186,6 +188,7 @@ impl Run {
             warned_of_station: false,
             is_closed: false,
             successive_losses: 0,
+            late_error: None,
         })
     }
 
@@ -278,9 +281,7 @@ impl Run {
         self.planes.count(&self.compositor)?;
         // From here on nothing fails because of the device, so no pose is sent or written twice.
         self.send_pose(prepared);
-        if let Some(poses) = &mut self.poses {
-            poses.write(prepared)?;
-        }
+        self.write_pose(context, prepared)?;
         self.stages.record("total", begun.elapsed());
         if context.source.is_live() {
             let latency = SystemClock
@@ -319,6 +320,27 @@ impl Run {
         Ok(())
     }
 
+    /// Writes the pose to the file of poses. A live picture goes on without that file if it cannot be
+    /// written; the run reports the error at its end.
+    fn write_pose(
+        &mut self,
+        context: &RunContext,
+        prepared: &PreparedFrame,
+    ) -> Result<(), RigError> {
+        let Some(Err(error)) = self.poses.as_mut().map(|poses| poses.write(prepared)) else {
+            return Ok(());
+        };
+        if !context.source.is_live() {
+            return Err(error);
+        }
+        let text = error.to_string();
+        tracing::warn!("{text}; no more poses are written");
+        context.status.update(|s| s.warn(&text));
+        self.poses = None;
+        self.late_error = Some(error);
+        Ok(())
+    }
+
     /// Warns once if the tracker sends readings of other stations only.
     fn check_station(&mut self, counts: &Counts) {
         if !self.warned_of_station
@@ -327,6 +349,27 @@ impl Run {
             tracing::warn!("tracker: {problem}");
             self.warned_of_station = true;
         }
+    }
+
+    /// Counts a picture that cannot be decoded; the status of a live rig says why.
+    pub fn skip_damaged(
+        &mut self,
+        context: &RunContext,
+        (error, seconds): (&PictureError, f64),
+        counts: &Counts,
+    ) {
+        self.frames.damaged += 1;
+        self.problems
+            .add(&format!("scene picture: {error}"), seconds);
+        let Source::Live(live) = &context.source else {
+            return;
+        };
+        let mut devices = live.supervised().iter();
+        if let Some(camera) = devices.find(|d| d.kind == DeviceKind::SceneCamera) {
+            camera.undecodable(&error.to_string());
+        }
+        let figures = (&self.rates, counts);
+        published::publish_idle(&context.status, &context.source, figures);
     }
 
     /// Handles a pause without pictures: keeps the last picture on the screen, or a black one if
@@ -573,7 +616,11 @@ impl Run {
         match frames.damaged + self.damage.counts.scene_frames {
             0 if frames.in_session == 0 => Err(RigError::Empty { path }),
             0 => Ok(()),
-            count => Err(RigError::AllDamaged { path, count }),
+            count => Err(RigError::AllDamaged {
+                path,
+                count,
+                reason: self.problems.first().to_owned(),
+            }),
         }
     }
 
@@ -622,6 +669,9 @@ impl Run {
         }
         if let Some(poses) = self.poses {
             poses.finish()?;
+        }
+        if let Some(error) = self.late_error {
+            return Err(error);
         }
         self.frames.lost = self.damage.counts.scene_frames;
         self.inputs.lost_environment_frames = self.damage.counts.environment_frames;

@@ -165,7 +165,11 @@ fn handle(
             }
         }
         PreparationEvent::Skipped => run.frames.skipped += 1,
-        PreparationEvent::Damaged => run.frames.damaged += 1,
+        PreparationEvent::Damaged {
+            error,
+            seconds,
+            counts,
+        } => run.skip_damaged(context, (&error, seconds), &counts),
         PreparationEvent::DamagedPart(error) => run.damage.add(&error, &context.status),
         PreparationEvent::Idle(counts) => run.idle(context, &counts)?,
         PreparationEvent::End(counts) => run.finish_loop(context, &counts),

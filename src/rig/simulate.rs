@@ -1,6 +1,7 @@
 //! Simulates trackers at a pseudo-terminal or by UDP datagrams. A live rig opens them like real
 //! devices.
 
+use crate::damage::intact_events;
 use crate::service::Service;
 use penumbra_interface::SystemClock;
 use penumbra_picture::read_text_bounded;
@@ -179,10 +180,10 @@ fn source(source: &SimulatedSource) -> Result<(Source, Option<String>), Simulate
 
 /// Returns the tracker's bytes of a session, without damaged records.
 fn recording(session: &Session) -> Recording {
-    let chunks = session.events().filter_map(|event| match event {
-        Ok(SessionEvent::TrackerBytes {
+    let chunks = intact_events(session).filter_map(|event| match event {
+        SessionEvent::TrackerBytes {
             bytes, arrived_at, ..
-        }) => Some((arrived_at, bytes.to_vec())),
+        } => Some((arrived_at, bytes.to_vec())),
         _ => None,
     });
     Recording::new(chunks.collect())

@@ -265,8 +265,9 @@ fn lighting(s: &mut Snapshot, p: &Published<'_>) {
     s.lighting.stale = match &s.lighting.probe {
         Some(probe) => probe_status::stale(probe, p.stale_after_nanos),
         None => stale.then(|| {
-            "the environment camera delivers no pictures: the last estimated light is used"
-                .to_owned()
+            let environment = p.prepared.frame.environment.as_ref();
+            let skew = environment.map(|e| e.skew_nanos);
+            stale_reason(skew.is_some_and(|skew| skew <= p.stale_after_nanos)).to_owned()
         }),
     };
     let direction = p.brightest.direction.as_dvec3();
@@ -274,6 +275,15 @@ fn lighting(s: &mut Snapshot, p: &Published<'_>) {
     s.lighting.dominance = Some(f64::from(p.brightest.dominance));
     if let Some(status) = white_balance {
         s.white_balance = white_balance_status(status);
+    }
+}
+
+/// Why the light is old. `delivers`: the environment camera's pictures are not.
+const fn stale_reason(delivers: bool) -> &'static str {
+    if delivers {
+        "estimating it takes longer than `stale_after_ms` of [environment] on this machine"
+    } else {
+        "the environment camera delivers no pictures: the last estimated light is used"
     }
 }
 
@@ -383,5 +393,16 @@ fn devices(s: &mut Snapshot, p: &Published<'_>) {
         device.received = rate.received;
         device.per_second = rate.per_second;
         device.last_age_ms = rate.last_age_ms;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn slow_estimates_are_not_blamed_on_the_camera() {
+        assert!(stale_reason(false).contains("environment camera delivers no pictures"));
+        assert!(!stale_reason(true).contains("camera"));
     }
 }

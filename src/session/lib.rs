@@ -50,7 +50,7 @@ pub use loss::LostMessages;
 pub use reader::Session;
 pub use topics::Camera;
 pub use views::RigViews;
-pub use writer::SessionWriter;
+pub use writer::{SessionWriter, new_file};
 
 #[cfg(test)]
 mod tests;

@@ -43,15 +43,22 @@ impl SessionWriter<BufWriter<File>> {
     /// # Errors
     /// The file exists or cannot be created.
     pub fn create(path: &Path) -> Result<Self, SessionError> {
-        let file = File::create_new(path).map_err(|source| {
-            let path = path.to_owned();
-            match source.kind() {
-                io::ErrorKind::AlreadyExists => SessionError::Exists { path },
-                _ => SessionError::Io { path, source },
-            }
-        })?;
-        Self::new(BufWriter::new(file), path)
+        Self::new(BufWriter::new(new_file(path)?), path)
     }
+}
+
+/// Creates the file of a session.
+///
+/// # Errors
+/// The file exists or cannot be created.
+pub fn new_file(path: &Path) -> Result<File, SessionError> {
+    File::create_new(path).map_err(|source| {
+        let path = path.to_owned();
+        match source.kind() {
+            io::ErrorKind::AlreadyExists => SessionError::Exists { path },
+            _ => SessionError::Io { path, source },
+        }
+    })
 }
 
 impl<W: Write + Seek> SessionWriter<W> {

@@ -594,6 +594,14 @@ pub const STATUS_FIELDS: &[(&str, &str)] = &[
         "devices[].last_error",
         "The last error, even if it is resolved; null if there was none.",
     ),
+    (
+        "devices[].problems[].text",
+        "What was wrong with single frames or records; kinds that have not occurred are left out.",
+    ),
+    (
+        "devices[].problems[].count",
+        "Number of them since the start; of bytes where it says so.",
+    ),
     ("devices[].notes[]", "Notes for the user."),
     (
         "devices[].controls[].name",
@@ -759,7 +767,7 @@ mod tests {
     use crate::Snapshot;
     use crate::objects::ObjectPlace;
     use crate::snapshot::{
-        Control, Device, LampStatus, WhiteBalanceEstimate, WhiteBalanceMethod, WhiteMatch,
+        Control, Device, LampStatus, Problem, WhiteBalanceEstimate, WhiteBalanceMethod, WhiteMatch,
     };
     use penumbra_interface::DeviceKind;
     use serde_json::Value;
@@ -772,6 +780,10 @@ mod tests {
         let mut s = Snapshot::default();
         s.stages.record("decode", Duration::from_millis(1));
         s.devices = vec![Device {
+            problems: vec![Problem {
+                text: "a",
+                count: 1,
+            }],
             notes: vec!["a".to_owned()],
             controls: vec![Control::default()],
             ..Device::new("a", DeviceKind::Tracker)

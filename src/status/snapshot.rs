@@ -541,10 +541,21 @@ pub struct Device {
     pub retry_in_ms: Option<f64>,
     /// The last error, even if it is resolved.
     pub last_error: Option<String>,
+    /// What was wrong with single frames or records, with the number of each.
+    pub problems: Vec<Problem>,
     /// Notes for the user.
     pub notes: Vec<String>,
     /// Locked controls of a camera.
     pub controls: Vec<Control>,
+}
+
+/// A kind of problem that single frames or records had.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct Problem {
+    /// What was wrong.
+    pub text: &'static str,
+    /// Number of frames or records, since the start.
+    pub count: u64,
 }
 
 /// State of a control that the configuration locks.
@@ -580,6 +591,7 @@ impl Device {
             losses: 0,
             retry_in_ms: None,
             last_error: None,
+            problems: Vec::new(),
             notes: Vec::new(),
             controls: Vec::new(),
         }

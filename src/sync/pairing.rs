@@ -133,6 +133,10 @@ pub struct PairingCounts {
     pub poses: u64,
     /// Readings rejected as invalid, late or outliers.
     pub rejected_poses: u64,
+    /// Those that are no numbers or no rotation.
+    pub invalid_poses: u64,
+    /// Those that are not newer than the reading before.
+    pub late_poses: u64,
     /// Estimated number of readings that were lost on their way.
     pub lost_readings: u64,
     /// Readings of other stations.
@@ -292,10 +296,12 @@ impl Pairing {
         self.tracker_heard_at = sample.arrived_at;
         let latency = self.config.tracker_latency_nanos;
         let measured_at = sample.arrived_at.offset_nanos(latency.saturating_neg());
-        match self
+        let pushed = self
             .history
-            .push(measured_at, sample.transmitter_from_sensor)
-        {
+            .push(measured_at, sample.transmitter_from_sensor);
+        self.counts.invalid_poses += u64::from(pushed == Pushed::Invalid);
+        self.counts.late_poses += u64::from(pushed == Pushed::Late);
+        match pushed {
             Pushed::Kept | Pushed::Restarted => self.counts.poses += 1,
             Pushed::Invalid | Pushed::Late | Pushed::Outlier => self.counts.rejected_poses += 1,
         }

@@ -276,6 +276,24 @@ fn run_fails_if_its_recording_failed() {
     );
 }
 
+#[cfg(target_os = "linux")]
+#[test]
+fn live_picture_goes_on_if_poses_cannot_be_written() {
+    let desk = Desk::new();
+    configure(&desk, &desk_session().display().to_string());
+    let more = ["--poses-out", "/dev/full", "--force"];
+    let (mut rig, address) = Running::rig(&desk, &more);
+    until("the status warns", || {
+        let warnings = status(&address)["warnings"].to_string();
+        warnings.contains("/dev/full: No space left on device")
+    });
+    let composed = || status(&address)["frames"]["composed"].as_u64();
+    let before = composed();
+    until("the picture goes on", || composed() > before.map(|n| n + 5));
+    rig.signal("-TERM");
+    assert_eq!(rig.0.wait().unwrap().code(), Some(1));
+}
+
 #[cfg(unix)]
 #[test]
 fn missing_devices_are_reported_and_used_once_they_appear() {

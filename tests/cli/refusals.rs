@@ -318,6 +318,14 @@ fn check_config_looks_at_what_the_configuration_names() {
             "[recording]\nfolder = \"file\"\n",
             vec!["`recording.folder`", "file"],
         ),
+        (
+            "[scene]\nfolder = \"file\"\n",
+            vec!["`scene.folder`", "file"],
+        ),
+        (
+            "[status]\nguide = \"gone.pdf\"\n",
+            vec!["[status] guide", "gone.pdf"],
+        ),
     ];
     for (content, mut parts) in cases {
         desk.put("c.toml", content);
@@ -378,6 +386,8 @@ fn replay_refuses_a_session_of_damaged_pictures() {
     writer.finish().unwrap();
     assert_contains(
         &replay_error(&desk, "damaged.mcap"),
-        &["damaged.mcap: all 3 pictures of the scene camera are damaged"],
+        &[
+            "damaged.mcap: all 3 pictures of the scene camera are damaged (scene picture: damaged Jpeg",
+        ],
     );
 }

@@ -317,6 +317,32 @@ fn one_flipped_byte_is_said_with_all_that_it_costs() {
 }
 
 #[test]
+fn damage_is_said_by_whatever_reads_the_session() {
+    let desk = Desk::new();
+    put_with_flipped_byte(&desk, "damaged.mcap", 0);
+    let session = desk.path("damaged.mcap").display().to_string();
+    let calibration = desk_session().display().to_string();
+    desk.put(
+        "rig.toml",
+        format!(
+            "[scene_camera]\ndevice = \"replay:{session}\"\n[calibration]\nfrom = \
+             \"{calibration}\"\n[environment]\nlight_count = 8\n"
+        ),
+    );
+    for line in [
+        "light damaged.mcap --out light",
+        "calibrate intrinsics --session damaged.mcap --board chess:9x6:0.02 --out lens.json",
+        "run --config rig.toml --headless --listen 127.0.0.1:0 --frames 3",
+    ] {
+        let error = text(&desk.run(line).stderr);
+        assert!(
+            error.contains(" of /scene_camera/image from "),
+            "{line}: {error}"
+        );
+    }
+}
+
+#[test]
 fn wrong_station_is_said_once() {
     let desk = Desk::new();
     desk.put(
@@ -335,7 +361,7 @@ fn wrong_station_is_said_once() {
 }
 
 #[test]
-fn damaged_environment_pictures_are_named_and_counted() {
+fn damaged_pictures_are_named_and_counted() {
     let desk = Desk::new();
     let session = Session::open(&desk_session()).unwrap();
     let mut writer = SessionWriter::create(&desk.path("dark.mcap")).unwrap();
@@ -345,7 +371,12 @@ fn damaged_environment_pictures_are_named_and_counted() {
     let mut base = 0;
     for event in session.events() {
         match event.unwrap() {
-            SessionEvent::Scene(frame) => writer.frame(Camera::Scene, &frame).unwrap(),
+            SessionEvent::Scene(mut frame) => {
+                if frame.sequence == 3 {
+                    frame.data = frame.data.slice(..frame.data.len() / 2);
+                }
+                writer.frame(Camera::Scene, &frame).unwrap();
+            }
             SessionEvent::Environment(mut frame) => {
                 base += u32::from(frame.bracket_ev == 0.0);
                 if base == 2 && frame.bracket_ev == 0.0 {
@@ -362,8 +393,14 @@ fn damaged_environment_pictures_are_named_and_counted() {
     ));
     let error = text(&output.stderr);
     assert!(output.status.success(), "{error}");
-    assert!(error.contains("environment picture"), "{error}");
+    for part in [
+        "warning: environment picture",
+        "warning: scene picture: damaged",
+    ] {
+        assert!(error.contains(part), "{error}");
+    }
     let problems = desk.json("report.json")["picture_problems"].clone();
+    assert_eq!(problems.as_array().unwrap().len(), 2, "{problems}");
     assert_eq!(problems[0]["pictures"], 1, "{problems}");
     // The recording has no tracker.
     let printed = text(&output.stdout);

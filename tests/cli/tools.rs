@@ -25,16 +25,17 @@ fn info_lists_streams_rates_and_attachments() {
 fn full_disk_behind_standard_output_is_an_error() {
     let desk = Desk::new();
     let session = desk_session().display().to_string();
-    let full = std::fs::OpenOptions::new().write(true).open("/dev/full");
-    let mut command = desk.command(&["info", &session]);
-    let output = command.stdout(full.unwrap()).output().unwrap();
-    let error = text(&output.stderr);
-    assert_eq!(output.status.code(), Some(1), "{error}");
-    assert!(
-        error.starts_with("penumbra: standard output cannot be written"),
-        "{error}"
-    );
-    assert_eq!(error.lines().count(), 1, "{error}");
+    for line in [&["info", &session][..], &["--help"], &["--version"]] {
+        let full = std::fs::OpenOptions::new().write(true).open("/dev/full");
+        let output = desk.command(line).stdout(full.unwrap()).output().unwrap();
+        let error = text(&output.stderr);
+        assert_eq!(output.status.code(), Some(1), "{line:?}: {error}");
+        assert!(
+            error.starts_with("penumbra: standard output cannot be written"),
+            "{error}"
+        );
+        assert_eq!(error.lines().count(), 1, "{error}");
+    }
 }
 
 #[test]

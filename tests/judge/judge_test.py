@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Tests of judge.py, colour.py, fidelity.py, steadiness.py, rigs.py, tables.py, bench_compare.py and gpu_check.py.
+"""Tests of judge.py, colour.py, fidelity.py, steadiness.py, rigs.py, tables.py, faults.py, bench_compare.py and gpu_check.py.
 
     tests/judge/judge_test.py [-v]
 
@@ -16,6 +16,7 @@ import tempfile
 import unittest
 from pathlib import Path
 
+import faults
 import fidelity
 import gpu_check
 from python_env import ROOT, Unavailable, python_with, run_with
@@ -198,6 +199,19 @@ class Bars(unittest.TestCase):
         self.assertTrue(self.reached(name="desk-lamp", l_err=0.07, dE_lit=2.0))
         for figures in ({"l_err": 0.09, "dE_lit": 2.0}, {"l_err": 0.07, "dE_lit": 3.1}, {}):
             self.assertFalse(self.reached(name="desk-lamp", **figures), figures)
+
+
+class Faults(unittest.TestCase):
+    def test_table_has_a_sum_and_names_what_was_missed(self) -> None:
+        row = {"kind": "silence", "place": "tracker", "injections": 3, "named": 3, "recovered": 3, "largest_gap_ms": 80.4, "slowest_recovery_ms": 150.0}
+        late = {**row, "place": "scene-camera", "named": 2, "largest_gap_ms": 501.0, "slowest_recovery_ms": 2001.0}
+        growth = {"memory_mb": [400.0, 401.0], "threads": [18, 18], "descriptors": [13, 13]}
+        results = {"pictures": 1200, "seconds": 90.0, "rows": [row, late], "growth": growth}
+        written = faults.table(results, "machine")
+        self.assertIn("| silence | scene camera | 3 | 2 | 501 | 3 | 2001 |", written)
+        self.assertIn("| all |  | 6 | 5 | 501 | 6 | 2001 |", written)
+        self.assertEqual(len(faults.missed(results)), 3)
+        self.assertEqual(faults.missed({**results, "rows": [row]}), [])
 
 
 class SpeedAims(unittest.TestCase):

@@ -84,9 +84,9 @@ def main() -> int:
     parser.add_argument("--allow-mb", type=float, default=8.0)
     a, more = parser.parse_known_args()
     port = free_port()
-    # The settings of a live rig: the best quality would take hours on a software driver.
+    # Hard shadows: soft ones would take hours on a software driver.
     config = tempfile.NamedTemporaryFile("w", suffix=".toml")
-    config.write('[shadows]\nsoft = false\nresolution = "quarter"\n')
+    config.write('[shadows]\nsoft = false\n')
     config.flush()
     command = [str(a.penumbra), "replay", str(a.session), "--config", config.name, "--loop", "--headless", "--speed", "max", "--listen", f"127.0.0.1:{port}", *more]
     process = subprocess.Popen(command)

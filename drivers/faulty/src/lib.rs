@@ -2,7 +2,14 @@
 //! cable.
 //!
 //! A [`Plan`] lists the faults, each after a number of good deliveries. After the last one the
-//! device works like the one inside.
+//! device works like the one inside. A [`FaultSwitch`] starts and ends faults of other kinds while
+//! the device delivers, and a [`FaultyDisk`] those of the disk that recordings are written to.
+
+mod disk;
+mod switch;
+
+pub use disk::{FaultyDisk, FaultyFile};
+pub use switch::{FaultSwitch, LastingFault, SwitchedCamera, SwitchedTracker};
 
 use bytes::Bytes;
 use penumbra_interface::{

@@ -58,6 +58,8 @@ pub enum Trouble {
 #[derive(Debug)]
 pub struct Dialogue {
     protocol: String,
+    /// The configured receivers.
+    stations: Vec<u8>,
     decoder: AnyDecoder,
     steps: VecDeque<Step>,
     /// Bytes received since the current question, or since the last one.
@@ -77,6 +79,7 @@ impl Dialogue {
         let decoder = AnyDecoder::for_protocol(&settings.protocol)?;
         Some(Self {
             protocol: settings.protocol.clone(),
+            stations: settings.stations.clone(),
             steps: decoder.format().start_sequence(settings).into(),
             decoder,
             received: Vec::new(),
@@ -142,6 +145,9 @@ impl Dialogue {
         if let Some(answer) = parse(&self.received) {
             self.answer.description = answer.description.or(self.answer.description.take());
             self.answer.warning = answer.warning.or(self.answer.warning.take());
+            if !answer.receivers.is_empty() {
+                self.answer.receivers = answer.receivers;
+            }
             return None;
         }
         if self.tries > 0
@@ -180,9 +186,30 @@ impl Dialogue {
         }
     }
 
+    /// What is wrong if the device is silent because none of the configured receivers is plugged in.
+    fn missing_receiver(&self) -> Option<String> {
+        let there = &self.answer.receivers;
+        let has_none = !self.stations.iter().any(|station| there.contains(station));
+        let is_silent = self.received.is_empty() && !there.is_empty();
+        let list = |stations: &[u8]| {
+            let numbers = stations.iter().map(u8::to_string);
+            numbers.collect::<Vec<_>>().join(", ")
+        };
+        (is_silent && has_none).then(|| {
+            format!(
+                "no receiver is plugged in at station {}; stations with one: {}; set `station` under \
+                 [tracker]",
+                list(&self.stations),
+                list(there)
+            )
+        })
+    }
+
     fn fail(&self, now: MonotonicTime) -> Action {
         let began = self.began.unwrap_or(now);
-        Action::Failed(if self.received.is_empty() {
+        Action::Failed(if let Some(seen) = self.missing_receiver() {
+            Trouble::Foreign { seen }
+        } else if self.received.is_empty() {
             Trouble::Silent {
                 millis: u64::try_from(now.nanos_since(began) / 1_000_000).unwrap_or(0),
             }

@@ -38,4 +38,6 @@ pub struct Answer {
     pub description: Option<String>,
     /// A note for the user, one line.
     pub warning: Option<String>,
+    /// The receivers that are plugged in, in ascending order; empty if the device did not tell.
+    pub receivers: Vec<u8>,
 }

@@ -167,6 +167,18 @@ fn a_libertys_receivers_are_switched_on_and_off() {
 }
 
 #[test]
+fn a_libertys_missing_receiver_is_named_with_those_that_are_there() {
+    for protocol in ["liberty", "patriot"] {
+        let device = Device::start(protocol, Faults::default());
+        let mut settings = settings(protocol, &device);
+        settings.stations = vec![3];
+        let error = open(&settings).map(|_| ()).unwrap_err().to_string();
+        let expected = "no receiver is plugged in at station 3; stations with one: 1, 2; set";
+        assert!(error.contains(expected), "{error}");
+    }
+}
+
+#[test]
 fn a_hang_up_is_noticed_at_once() {
     let mut device = Device::start("fastrak", Faults::default());
     let mut tracker = open(&settings("fastrak", &device)).unwrap();

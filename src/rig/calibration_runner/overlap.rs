@@ -2,6 +2,7 @@
 //! session.
 
 use super::vignetting::VignettingCollector;
+use crate::damage::intact_events;
 use crate::feed::decoder_for;
 use glam::DVec3;
 use penumbra_calibration::radiometric::vignetting::VignettingFit;
@@ -61,7 +62,7 @@ pub fn estimate_from_overlap(
         vignetting: VignettingCollector::default(),
     };
     let mut decoder = None;
-    for event in session.events().flatten() {
+    for event in intact_events(session) {
         match event {
             SessionEvent::Scene(frame) => collector.scene = Some(frame),
             SessionEvent::Environment(frame) if frame.bracket_ev == 0.0 => {

@@ -1,13 +1,14 @@
 //! Runs a calibration step on a recorded session.
 
 use super::step_feeder::StepFeeder;
+use crate::damage::intact_events;
 use penumbra_calibration::step::{Progress, Step};
 use penumbra_config::Config;
 use penumbra_session::Session;
 
 /// Passes all events of `session` that `step` needs to it, in the order of arrival. Calls `report`
 /// after each picture with the share of the session (0 to 1) and the step's progress. Returns how
-/// many pictures and sections of the file could not be read. `metres_per_unit` is the tracker's
+/// many pictures could not be read, and warns of damaged parts of the file. `metres_per_unit` is the tracker's
 /// unit of length; `None` if the calibration does not state it.
 pub fn feed_session(
     session: &Session,
@@ -21,11 +22,7 @@ pub fn feed_session(
     };
     let length = end.seconds_since(start).max(1e-9);
     let mut feeder = StepFeeder::new(start, metres_per_unit);
-    for event in session.events() {
-        let Ok(event) = event else {
-            feeder.damaged += 1;
-            continue;
-        };
+    for event in intact_events(session) {
         let share = event.arrived_at().seconds_since(start) / length;
         if feeder.feed(event, config, step).is_some() {
             report(share.clamp(0.0, 1.0), &step.progress());

@@ -1,5 +1,6 @@
 //! Reports the light of a session: `penumbra light SESSION`.
 
+use crate::damage::log;
 use crate::error::RigError;
 use crate::feed::Feed;
 use crate::light::{
@@ -14,7 +15,7 @@ use penumbra_config::Config;
 use penumbra_interface::RigidTransform;
 use penumbra_lighting::{LightReport, Lighting};
 use penumbra_picture::{Picture, decode_within};
-use penumbra_session::Session;
+use penumbra_session::{Session, SessionError};
 use penumbra_white_balance::MatchStatus;
 use std::sync::Arc;
 
@@ -39,7 +40,14 @@ pub fn light_of_session(
     };
     let mut picture = Picture::default();
     let mut read = 0.0;
+    let mut damaged = 0;
+    let mut warn = |error: &SessionError| {
+        log(error, damaged);
+        damaged += 1;
+    };
+    session.damage().iter().for_each(&mut warn);
     while let Next::Item(item) = feed.next_picture(None) {
+        feed.take_damage().iter().for_each(&mut warn);
         let frame = item.frame;
         let (max_pixels, yuv) = (setup.max_scene_pixels(), config.input.encoding());
         if decode_within(max_pixels, &frame.scene, &yuv, &mut picture).is_err() {

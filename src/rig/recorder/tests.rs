@@ -1,6 +1,7 @@
 use super::*;
 use crate::wall_date::civil;
 use bytes::Bytes;
+use penumbra_faulty::FaultyDisk;
 use penumbra_interface::{Frame, PixelFormat};
 use penumbra_session::Session;
 use penumbra_status::Settings;
@@ -207,8 +208,9 @@ fn low_disk_space_ends_a_recording_with_a_complete_file() {
 #[test]
 fn full_disk_ends_the_recording_as_failed() {
     let (hub, status, recorder) = recorder(Path::new("/nowhere"), 0);
+    let full = File::options().write(true).open("/dev/full").unwrap();
     let writer = SessionWriter::new(
-        BufWriter::new(File::options().write(true).open("/dev/full").unwrap()),
+        BufWriter::new(Box::new(full) as Box<dyn RecordingFile>),
         Path::new("/dev/full"),
     );
     // The first flush of the buffer fails.
@@ -228,6 +230,7 @@ fn full_disk_ends_the_recording_as_failed() {
         max_duration: None,
         started: SystemClock.now(),
         flushed: SystemClock.now(),
+        slowest: Duration::ZERO,
         recording: Recording::default(),
     };
     hub.set_recorder(Some(RecorderQueue::new(
@@ -246,6 +249,36 @@ fn full_disk_ends_the_recording_as_failed() {
     // The hub no longer sends to the recorder.
     hub.deliver(frame(2));
     drop(recorder);
+}
+
+/// Events wait in the queue; the description of the recording says why.
+#[test]
+fn slow_disk_is_named_and_loses_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    let hub = Hub::new(Arc::new(SystemClock), false);
+    let status = SharedStatus::new(Settings::default());
+    let config = RecordingConfig {
+        folder: folder.path().to_owned(),
+        reserve_bytes: 0,
+        ..RecordingConfig::default()
+    };
+    let disk = FaultyDisk::default();
+    let faulty = disk.clone();
+    let wrap: WrapFile = Box::new(move |file| Box::new(faulty.file(file)));
+    let contents = (Arc::default(), Arc::default());
+    let recorder = Recorder::on_disk(hub.clone(), contents, config, status.clone(), wrap);
+    recorder
+        .start(&folder.path().join("a.mcap"), None, false)
+        .unwrap();
+    disk.set_delay(Duration::from_millis(300));
+    (0..20).for_each(|n| hub.deliver(frame(n)));
+    wait_until("the disk is named", || {
+        let recording = status.snapshot().recording;
+        recording.description.contains("the disk is slow")
+    });
+    disk.set_delay(Duration::ZERO);
+    let recording = recorder.stop().unwrap();
+    assert_eq!((recording.events, recording.dropped), (20, 0));
 }
 
 #[test]

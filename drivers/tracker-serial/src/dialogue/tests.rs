@@ -92,7 +92,7 @@ fn mode_that_the_device_ignores_is_a_warning() {
 #[test]
 fn the_other_devices_are_configured() {
     let receivers: String = (2..=16).map(|n| format!("\x15{n},0\r")).collect();
-    let polhemus = format!("P\rF0\r\x16\r\x151,1\r{receivers}O*,2,7\rU1\rH*,1,0,0\rF1\rC\r");
+    let polhemus = format!("P\rF0\r\x16\r\x150\r\x151,1\r{receivers}O*,2,7\rU1\rH*,1,0,0\rF1\rC\r");
     for (protocol, expected) in [
         ("liberty", polhemus.as_str()),
         ("patriot", &polhemus),

@@ -95,6 +95,7 @@ pub(crate) fn describe(status: &Status) -> Answer {
         )),
         warning: (!clean)
             .then(|| format!("its built-in test found {digits}; see the manual's BIT table")),
+        ..Answer::default()
     }
 }
 

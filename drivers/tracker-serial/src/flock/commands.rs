@@ -92,7 +92,7 @@ fn version(received: &[u8]) -> Option<Answer> {
     match received {
         [major, minor] => Some(Answer {
             description: Some(format!("Flock of Birds, software {major}.{minor}")),
-            warning: None,
+            ..Answer::default()
         }),
         _ => None,
     }

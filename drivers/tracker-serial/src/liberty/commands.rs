@@ -10,8 +10,8 @@ use std::time::Duration;
 /// lacks; the answer is discarded.
 const STATIONS: std::ops::RangeInclusive<u8> = 1..=16;
 
-/// Stop (`P` asks for one record and ends continuous mode), text mode, identity, receivers,
-/// items, units, hemisphere, binary mode, start.
+/// Stop (`P` asks for one record and ends continuous mode), text mode, identity, which receivers
+/// there are, the receivers to use, items, units, hemisphere, binary mode, start.
 pub(crate) fn start_sequence(settings: &TrackerSettings, format: &Format) -> Vec<Step> {
     vec![
         Step::Send(b"P\r".to_vec()),
@@ -24,6 +24,14 @@ pub(crate) fn start_sequence(settings: &TrackerSettings, format: &Format) -> Vec
             timeout: Duration::from_millis(500),
             tries: 2,
             // The form of the answer differs between versions: the records decide.
+            required: false,
+        },
+        Step::AwaitSilence,
+        Step::Ask {
+            question: b"\x150\r".to_vec(),
+            parse: receivers,
+            timeout: Duration::from_millis(300),
+            tries: 1,
             required: false,
         },
         Step::AwaitSilence,
@@ -78,6 +86,24 @@ pub(crate) fn identity(received: &[u8]) -> Option<Answer> {
         })
         .map(|line| Answer {
             description: Some(line.trim().chars().take(80).collect()),
-            warning: None,
+            ..Answer::default()
         })
+}
+
+/// The receivers in the answer to `^U0`: a line that ends in eight hexadecimal digits, those that are
+/// plugged in and those that are on, receiver 1 in the lowest bit.
+fn receivers(received: &[u8]) -> Option<Answer> {
+    let text = str::from_utf8(received).ok()?;
+    let complete = text.get(..text.rfind('\n')?)?;
+    let bits = complete.lines().rev().find_map(|line| {
+        let line = line.trim();
+        let digits = line.get(line.len().checked_sub(8)?..)?;
+        let is_hex = digits.bytes().all(|digit| digit.is_ascii_hexdigit());
+        u16::from_str_radix(digits.get(..4).filter(|_| is_hex)?, 16).ok()
+    })?;
+    let is_there = |station: &u8| bits >> (station - 1) & 1 == 1;
+    Some(Answer {
+        receivers: STATIONS.filter(is_there).collect(),
+        ..Answer::default()
+    })
 }
