@@ -116,7 +116,8 @@ fn tracker_problems(
     skipped_bytes: u64,
     lost: u64,
 ) -> [(&'static str, u64); 5] {
-    let jumps = pairing.rejected_poses - pairing.invalid_poses - pairing.late_poses;
+    let other = pairing.invalid_poses + pairing.late_poses;
+    let jumps = pairing.rejected_poses.saturating_sub(other);
     [
         ("bytes that belong to no record", skipped_bytes),
         ("missing, by its rate", lost),
