@@ -17,7 +17,7 @@ fn teapot(browser: &mut Chromium) -> ([f64; 2], usize) {
 
 /// Waits until the teapot is as wanted.
 fn wait_for_teapot(browser: &mut Chromium, what: &str, holds: impl Fn([f64; 2], usize) -> bool) {
-    let deadline = Instant::now() + Duration::from_secs(30);
+    let deadline = Instant::now() + Duration::from_secs(90);
     loop {
         let (middle, size) = teapot(browser);
         if holds(middle, size) {
