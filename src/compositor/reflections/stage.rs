@@ -5,7 +5,7 @@ use super::super::frame_view::FrameView;
 use super::super::textures::{FrameTexture, TILE, format};
 use super::bvh::LANES;
 use super::nearby_scene::NearbyScene;
-use super::radiance::{NearbyLight, PointGrid};
+use super::radiance::NearbyLight;
 use super::trace::{Nearby, Tracer, View, slopes};
 use crate::compiled::Device;
 use glam::{DMat4, Vec2};
@@ -28,7 +28,6 @@ type Texel = [u32; 4];
 pub struct ReflectionsStage {
     device: Device,
     scene: Option<NearbyScene>,
-    points: PointGrid,
     /// Pixels from one point of the lattice to the next.
     step: u32,
     /// Of the rays for a lobe.
@@ -55,7 +54,6 @@ impl ReflectionsStage {
         Self {
             device: device.clone(),
             scene: None,
-            points: PointGrid::default(),
             step,
             slopes: slopes(RAYS[usize::from(step > 1)]),
             picture: picture(device, (1, 1)),
@@ -97,10 +95,7 @@ impl ReflectionsStage {
         if self.picture.size() != view.size {
             self.picture = picture(&self.device, view.size);
         }
-        if let Some(light) = input.indirect_light {
-            self.points.fit(&light.nearby);
-        }
-        let Some(light) = NearbyLight::new(input, response, &self.points) else {
+        let Some(light) = NearbyLight::new(input, response) else {
             return;
         };
         let work = Work {

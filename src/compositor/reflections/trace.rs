@@ -526,7 +526,6 @@ fn lane_of(vectors: &[Lanes; 3], lane: usize) -> Vec3 {
 #[cfg(test)]
 mod tests {
     use super::super::super::frame_input::FrameInput;
-    use super::super::radiance::PointGrid;
     use super::*;
     use glam::{DMat3, DMat4, DQuat, DVec2, DVec3};
     use penumbra_camera::Response;
@@ -624,10 +623,10 @@ mod tests {
             indirect_light: Some(&near),
             ..FrameInput::new(&picture, &camera)
         };
-        let (response, grid) = (Response::srgb(), PointGrid::default());
+        let response = Response::srgb();
         let tracer = Tracer {
             scene: &NearbyScene::new(scene).expect("glossy"),
-            light: NearbyLight::new(&input, &response, &grid).expect("lit"),
+            light: NearbyLight::new(&input, &response).expect("lit"),
             view: View::new(&camera, pose),
             slopes: &slopes(rays),
             spacing: 0.002,

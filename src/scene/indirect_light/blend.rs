@@ -46,7 +46,7 @@ impl IndirectLightBlender {
         blend_irradiance(&from.change, &to.change, weight, &mut out.change);
         blend_irradiance(&from.real, &to.real, weight, &mut out.real);
         blend_irradiance(&from.real_now, &to.real_now, weight, &mut out.real_now);
-        if from.on_virtual.grid == to.on_virtual.grid {
+        if Arc::ptr_eq(&from.on_virtual.grid, &to.on_virtual.grid) {
             out.on_virtual.grid.clone_from(&to.on_virtual.grid);
             let values = (&from.on_virtual.values, &to.on_virtual.values);
             blend_values(values.0, values.1, weight, &mut out.on_virtual.values);
@@ -69,12 +69,11 @@ fn blend_irradiance(from: &Irradiance, to: &Irradiance, weight: f32, out: &mut I
 }
 
 fn blend_nearby(from: &NearbyRadiance, to: &NearbyRadiance, weight: f32, out: &mut NearbyRadiance) {
-    if !Arc::ptr_eq(&from.points, &to.points) || from.phantoms.len() != to.phantoms.len() {
+    if !Arc::ptr_eq(&from.surfels, &to.surfels) || from.phantoms.len() != to.phantoms.len() {
         out.clone_from(to);
         return;
     }
-    out.points.clone_from(&to.points);
-    out.spacing = to.spacing;
+    out.surfels.clone_from(&to.surfels);
     blend_values(&from.diffuse, &to.diffuse, weight, &mut out.diffuse);
     blend_values(&from.total, &to.total, weight, &mut out.total);
     let sides = from.phantoms.iter().zip(&to.phantoms);
@@ -122,7 +121,7 @@ mod tests {
             light(2, 3.0),
             IndirectLightBlender::default(),
         );
-        Arc::make_mut(&mut to).nearby.points = Arc::clone(&from.nearby.points);
+        Arc::make_mut(&mut to).nearby.surfels = Arc::clone(&from.nearby.surfels);
         let blend = blender.blend(&from, &to, 0.25);
         assert_eq!(blend.change.ground, vec![Vec3::splat(1.5); 4]);
         assert_eq!(blend.real_now.volume[5], vec![Vec3::splat(6.5); 3]);

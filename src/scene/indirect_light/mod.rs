@@ -33,6 +33,7 @@ pub use result::{
     GROUND_SIDE, IndirectLight, Irradiance, NearbyRadiance, PhantomRadiance, VOLUME_SIZE,
 };
 pub use surface_grid::{GRID_SIDE, SurfaceGrid, SurfaceIrradiance};
+pub use surfel_index::SurfelIndex;
 
 use crate::lamps::PlacedLamp;
 use crate::mesh::Part;
@@ -94,7 +95,7 @@ impl IndirectLightSolver {
             ..IndirectLight::default()
         };
         if !moves {
-            (light.nearby.points, light.nearby.spacing) = surfels.places();
+            light.nearby.surfels = surfels.index();
         }
         Some(Self {
             surfels,
@@ -191,7 +192,7 @@ impl IndirectLightSolver {
             &mut self.light.on_virtual,
         );
         let nearby = &mut self.light.nearby;
-        if !nearby.points.is_empty() {
+        if !nearby.surfels.is_empty() {
             self.surfels.write(nearby);
         }
         let sides = |part: usize| {

@@ -1,6 +1,7 @@
 //! Indirect light around the virtual objects, as the solver returns it.
 
 use super::surface_grid::SurfaceIrradiance;
+use super::surfel_index::SurfelIndex;
 use glam::Vec3;
 use std::sync::Arc;
 
@@ -34,12 +35,9 @@ pub struct IndirectLight {
 /// Radiance of the surfaces close by in the presence of the virtual objects, in scene camera units.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct NearbyRadiance {
-    /// Points that are distributed evenly over virtual surfaces that stand still: position (world,
-    /// metres) and unit normal.
-    pub points: Arc<Vec<(Vec3, Vec3)>>,
-    /// Mean distance of neighbouring points, metres.
-    pub spacing: f32,
-    /// At each point: radiance that is reflected diffusely or emitted.
+    /// Surfels, which are distributed evenly over virtual surfaces that stand still.
+    pub surfels: Arc<SurfelIndex>,
+    /// Of each surfel: radiance that is reflected diffusely or emitted.
     pub diffuse: Vec<Vec3>,
     /// The same with specular reflection as if it were diffuse.
     pub total: Vec<Vec3>,

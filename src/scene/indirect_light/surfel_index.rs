@@ -1,4 +1,4 @@
-//! Finds the surfel that represents a point of a surface.
+//! Surfels by their place: which one represents a point of a surface, and the mean around it.
 
 use super::obstacles::SurfacePoint;
 use glam::{IVec3, Vec3};
@@ -7,8 +7,12 @@ use std::ops::Range;
 /// Largest number of cells along an axis.
 const LONGEST: f32 = 64.0;
 
-/// Surfels by cells of a grid around them.
-pub(super) struct SurfelIndex {
+/// Distance within which surfels count in a mean, in cells.
+const REACH: i32 = 2;
+
+/// Surfels by cells of a grid around them. A cell is as long as their mean distance.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct SurfelIndex {
     low: Vec3,
     /// Side of a cell, metres.
     cell: f32,
@@ -22,7 +26,7 @@ pub(super) struct SurfelIndex {
 
 impl SurfelIndex {
     /// Sorts surfels at `places` (position, normal) that are `spacing` metres apart on average.
-    pub fn new(places: Vec<(Vec3, Vec3)>, spacing: f32) -> Self {
+    pub(super) fn new(places: Vec<(Vec3, Vec3)>, spacing: f32) -> Self {
         let low = places.iter().fold(Vec3::MAX, |l, p| l.min(p.0));
         let high = places.iter().fold(Vec3::MIN, |h, p| h.max(p.0));
         let extent = (high - low).max(Vec3::ZERO);
@@ -51,8 +55,50 @@ impl SurfelIndex {
         index
     }
 
+    /// Whether there are no surfels.
+    #[must_use]
+    pub const fn is_empty(&self) -> bool {
+        self.places.is_empty()
+    }
+
+    /// The mean of `values`, one of each surfel, over those around `p` that face like the unit normal
+    /// `n` (world, metres); `None` without any.
+    #[must_use]
+    pub fn mean(&self, values: &[Vec3], p: Vec3, n: Vec3) -> Option<Vec3> {
+        if self.is_empty() {
+            return None;
+        }
+        // Far outside, a cell's number would not fit.
+        let at = ((p - self.low) / self.cell).clamp(Vec3::splat(-1e6), Vec3::splat(1e6));
+        let at = at.floor().as_ivec3();
+        let (from, to) = (
+            (at - REACH).max(IVec3::ZERO),
+            (at + REACH).min(self.size - 1),
+        );
+        if from.cmpgt(to).any() {
+            return None;
+        }
+        let scale = 1.0 / (REACH as f32 * self.cell);
+        let (mut sum, mut weight) = (Vec3::ZERO, 0.0);
+        for row in (from.z..=to.z).flat_map(|z| (from.y..=to.y).map(move |y| (y, z))) {
+            let number = |x: i32| self.number(IVec3::new(x, row.0, row.1));
+            let range = self.begins[number(from.x)]..self.begins[number(to.x) + 1];
+            for i in &self.surfels[range.start as usize..range.end as usize] {
+                let (position, normal) = self.places[*i as usize];
+                let far = ((position - p) * scale).length_squared();
+                let w = (1.0 - far).max(0.0).powi(2) * normal.dot(n).max(0.0);
+                sum += values.get(*i as usize).copied().unwrap_or_default() * w;
+                weight += w;
+            }
+        }
+        (weight > 1e-4).then(|| sum / weight)
+    }
+
     /// Returns the surfel nearest to `hit`, where surfels with another normal count as farther away.
-    pub fn nearest(&self, hit: &SurfacePoint) -> Option<u32> {
+    pub(super) fn nearest(&self, hit: &SurfacePoint) -> Option<u32> {
+        if self.is_empty() {
+            return None;
+        }
         let centre = self.cell_of(hit.point);
         let mut best = (f32::INFINITY, u32::MAX);
         for ring in 0..self.size.max_element() {
@@ -156,12 +202,35 @@ mod tests {
     }
 
     #[test]
+    fn mean_counts_the_surfels_around_a_point_that_face_like_it() {
+        let places = scattered(700, 0.1);
+        let index = SurfelIndex::new(places.clone(), 0.08);
+        let values: Vec<Vec3> = (0..700).map(|i| Vec3::splat(i as f32)).collect();
+        for (p, n) in scattered(300, 0.7) {
+            let (mut sum, mut weight) = (0.0, 0.0);
+            for (i, (position, normal)) in places.iter().enumerate() {
+                let far = (position.distance(p) / (2.0 * index.cell)).min(1.0);
+                let w = (1.0 - far * far).powi(2) * normal.dot(n).max(0.0);
+                (sum, weight) = (sum + w * i as f32, weight + w);
+            }
+            match index.mean(&values, p, n) {
+                Some(mean) => assert!((mean.x - sum / weight).abs() < 0.1, "{p}"),
+                None => assert!(weight < 2e-4, "{p}"),
+            }
+        }
+        for far in [9.0, -1e30, 1e30] {
+            assert_eq!(index.mean(&values, Vec3::splat(far), Vec3::Z), None);
+        }
+    }
+
+    #[test]
     fn it_is_empty_or_flat() {
         let hit = SurfacePoint {
             point: Vec3::ONE,
             normal: Vec3::Z,
         };
-        assert_eq!(SurfelIndex::new(Vec::new(), 0.0).nearest(&hit), None);
+        assert_eq!(SurfelIndex::default().nearest(&hit), None);
+        assert_eq!(SurfelIndex::default().mean(&[], Vec3::ONE, Vec3::Z), None);
         let flat = (0..9).map(|i| (Vec3::X * i as f32, Vec3::Z)).collect();
         assert_eq!(SurfelIndex::new(flat, 0.0).nearest(&hit), Some(1));
     }

@@ -61,7 +61,7 @@ enum Source {
 /// The surfels of all virtual objects and their radiance.
 pub(super) struct Surfels {
     all: Vec<Surfel>,
-    index: SurfelIndex,
+    index: Arc<SurfelIndex>,
     /// Radiance that is reflected diffusely or emitted.
     radiance: Vec<Vec3>,
     /// The same with specular reflection as if it were diffuse: for further bounces.
@@ -72,8 +72,6 @@ pub(super) struct Surfels {
     lamplight: Lamplight,
     /// Distance of a ray's origin from its surface, metres.
     offset: f32,
-    /// Mean distance of neighbours, metres.
-    spacing: f32,
 }
 
 impl Surfels {
@@ -106,20 +104,19 @@ impl Surfels {
         let lamplight = Lamplight::new(places(&all).into_iter(), region.offset());
         Self {
             all,
-            index,
+            index: Arc::new(index),
             radiance: dark.clone(),
             total: dark.clone(),
             previous: dark,
             compact: CompactSources::default(),
             lamplight,
             offset: region.offset(),
-            spacing,
         }
     }
 
-    /// Positions and normals of all surfels, and the mean distance of neighbours, metres.
-    pub fn places(&self) -> (Arc<Vec<(Vec3, Vec3)>>, f32) {
-        (Arc::new(places(&self.all)), self.spacing)
+    /// The surfels by their places.
+    pub fn index(&self) -> Arc<SurfelIndex> {
+        Arc::clone(&self.index)
     }
 
     /// Writes the radiance of all surfels.
