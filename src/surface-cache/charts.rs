@@ -1,5 +1,5 @@
-//! Divides meshes into charts: connected pieces that can be projected along one axis of the world
-//! without overlapping themselves (box projection, as for the cards of a surface cache).
+//! Divides meshes into charts: connected pieces without creases that can be projected along one axis
+//! of the world without overlapping themselves (box projection, as for the cards of a surface cache).
 
 use glam::{UVec2, Vec2, Vec3};
 use std::collections::HashMap;
@@ -7,6 +7,9 @@ use std::collections::HashMap;
 /// Minimum cosine between a triangle's normal and the axis of its chart: texels are stretched by at
 /// most its inverse.
 const MIN_FACING: f32 = 0.4;
+/// Cosine between the normals of two faces at a common edge up to which the edge is a crease. Light
+/// differs across it; texels there would belong to one face or the other by chance.
+const CREASE: f32 = 0.94;
 /// Cells along the longest side of a mesh in which overlaps are noticed.
 const OVERLAP_CELLS: f32 = 256.0;
 /// Cells along a side of the grid: those and one more for the upper edges.
@@ -114,11 +117,12 @@ impl Surface<'_> {
 }
 
 /// Divides a surface into charts. Degenerate triangles are in none.
-pub fn charts(surface: &Surface<'_>) -> Vec<Chart> {
+/// `vertex_normals`: unit vectors.
+pub fn charts(surface: &Surface<'_>, vertex_normals: &[Vec3]) -> Vec<Chart> {
     let normals: Vec<Vec3> = (0..surface.len() as u32)
         .map(|t| surface.normal(t))
         .collect();
-    let neighbours = neighbours(surface);
+    let neighbours = neighbours(surface, vertex_normals);
     let mut seeds: Vec<u32> = (0..normals.len() as u32)
         .filter(|t| normals[*t as usize] != Vec3::ZERO)
         .collect();
@@ -144,9 +148,9 @@ pub fn charts(surface: &Surface<'_>) -> Vec<Chart> {
     charts
 }
 
-/// Up to three neighbours of each triangle across its edges; `u32::MAX` for none. Vertices at the
-/// same position count as one.
-fn neighbours(surface: &Surface<'_>) -> Vec<[u32; 3]> {
+/// Up to three neighbours of each triangle across its edges, but not across creases; `u32::MAX` for
+/// none. Vertices at the same position count as one.
+fn neighbours(surface: &Surface<'_>, normals: &[Vec3]) -> Vec<[u32; 3]> {
     let mut welded: HashMap<[u32; 3], u32> = HashMap::with_capacity(surface.positions.len());
     let point: Vec<u32> = surface
         .positions
@@ -158,22 +162,41 @@ fn neighbours(surface: &Surface<'_>) -> Vec<[u32; 3]> {
                 .or_insert(next)
         })
         .collect();
-    let mut open: HashMap<(u32, u32), (u32, usize)> = HashMap::with_capacity(surface.len() * 2);
+    let mut open: HashMap<(u32, u32), OpenEdge> = HashMap::with_capacity(surface.len() * 2);
     let mut found = vec![[u32::MAX; 3]; surface.len()];
     for t in 0..surface.len() {
         for k in 0..3 {
-            let a = point[surface.indices[3 * t + k] as usize];
-            let b = point[surface.indices[3 * t + (k + 1) % 3] as usize];
-            let edge = (a.min(b), a.max(b));
-            if let Some((other, side)) = open.remove(&edge) {
-                found[t][k] = other;
-                found[other as usize][side] = t as u32;
+            let [a, b] = [k, (k + 1) % 3].map(|k| surface.indices[3 * t + k] as usize);
+            let ends = if point[a] < point[b] { [a, b] } else { [b, a] };
+            let edge = (point[ends[0]], point[ends[1]]);
+            let normals = ends.map(|i| normals[i]);
+            if let Some(other) = open.remove(&edge) {
+                let is_same = |i: usize| normals[i].dot(other.normals[i]) > CREASE;
+                if is_same(0) && is_same(1) {
+                    found[t][k] = other.triangle;
+                    found[other.triangle as usize][other.side] = t as u32;
+                }
             } else {
-                open.insert(edge, (t as u32, k));
+                open.insert(
+                    edge,
+                    OpenEdge {
+                        triangle: t as u32,
+                        side: k,
+                        normals,
+                    },
+                );
             }
         }
     }
     found
+}
+
+/// An edge of which one triangle has been seen.
+struct OpenEdge {
+    triangle: u32,
+    side: usize,
+    /// That triangle's normals at both ends.
+    normals: [Vec3; 2],
 }
 
 struct Growth<'a> {
@@ -292,7 +315,8 @@ mod tests {
             positions: &positions,
             indices: &mesh.indices,
         };
-        let charts = charts(&surface);
+        let normals: Vec<Vec3> = mesh.vertices.iter().map(|v| v.normal).collect();
+        let charts = charts(&surface, &normals);
         (positions, charts)
     }
 
@@ -329,6 +353,25 @@ mod tests {
                 assert!(holding.count() <= 1);
             }
         }
+    }
+
+    #[test]
+    fn a_crease_divides_charts_and_a_smooth_edge_does_not() {
+        // Two faces at 40°, both of which the vertical axis faces.
+        let positions = [[-1.0, 0.0], [0.0, 0.0], [1.0, 0.84]]
+            .into_iter()
+            .flat_map(|[x, z]| [0.0, 1.0].map(|y| Vec3::new(x, y, z)));
+        let of = |i: usize| positions.clone().nth(i).expect("six points");
+        let corners = [0, 2, 3, 0, 3, 1, 2, 4, 5, 2, 5, 3];
+        let positions: Vec<Vec3> = corners.iter().map(|i| of(*i)).collect();
+        let indices: Vec<u32> = (0..12).collect();
+        let surface = Surface {
+            positions: &positions,
+            indices: &indices,
+        };
+        let sharp: Vec<Vec3> = (0..12).map(|k| surface.normal(k / 3)).collect();
+        assert_eq!(charts(&surface, &sharp).len(), 2);
+        assert_eq!(charts(&surface, &[Vec3::Z; 12]).len(), 1);
     }
 
     #[test]

@@ -87,13 +87,13 @@ pub struct Receiver {
 }
 
 impl Receiver {
-    /// Divides the triangles of a part into charts.
-    pub fn new(positions: Vec<Vec3>, indices: Vec<u32>) -> Self {
+    /// Divides the triangles of a part into charts. `normals`: of its vertices, world.
+    pub fn new(positions: Vec<Vec3>, normals: &[Vec3], indices: Vec<u32>) -> Self {
         let surface = Surface {
             positions: &positions,
             indices: &indices,
         };
-        let charts = charts(&surface);
+        let charts = charts(&surface, normals);
         Self {
             positions,
             indices,

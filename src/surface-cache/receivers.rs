@@ -57,7 +57,7 @@ pub fn receivers(scene: &Scene) -> (Vec<CachedPart>, Vec<Vec<Vec3>>) {
             layer,
             albedo: part.material.mean_base_colour(),
             is_mirrored: part.world_from_part.determinant() < 0.0,
-            receiver: Receiver::new(positions, indices),
+            receiver: Receiver::new(positions, &normals, indices),
         };
         (cached, normals)
     })
