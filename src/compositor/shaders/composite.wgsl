@@ -176,11 +176,20 @@ fn shade(pixel: vec2i, s: i32, own: bool) -> vec3f {
     return diffuse + specular + sources + lamps + emissive_of(material);
 }
 
-// Whether two samples of a pixel show the same surface, by their depth and encoded normal.
+// Whether two samples of a pixel show the same surface: their normals are nearly the same (unit
+// octahedron), and one lies in the tangent plane of the other, to the width of a pixel there. The
+// depth of a plane is linear in the picture.
 fn same_surface(pixel: vec2i, a: i32, b: i32) -> bool {
-    let difference = abs(octahedron(textureLoad(virtual_shape, pixel, a)) - octahedron(textureLoad(virtual_shape, pixel, b)));
-    let d = textureLoad(virtual_depth, pixel, a);
-    return max(difference.x, difference.y) < 0.2 && abs(textureLoad(virtual_depth, pixel, b) - d) < 0.02 * d;
+    let first = octahedron(textureLoad(virtual_shape, pixel, a));
+    let turned = abs(octahedron(textureLoad(virtual_shape, pixel, b)) - first);
+    let n = normal_from_octahedron(first);
+    let at = sample_position(pixel, a);
+    let step = (sample_position(pixel, b) - at) / frame.intrinsics.xy;
+    let facing = dot(n, ray_through(at));
+    let slope = dot(n, frame.right.xyz * step.x + frame.down.xyz * step.y);
+    let depth = textureLoad(virtual_depth, pixel, a);
+    let beside = textureLoad(virtual_depth, pixel, b) * facing - depth * (facing + slope);
+    return max(turned.x, turned.y) < SAME_NORMAL && abs(beside) * frame.intrinsics.x < depth;
 }
 
 fn tile_number(v: u32) -> vec2u {
@@ -214,6 +223,8 @@ fn real_edge_tile(@builtin(vertex_index) v: u32) -> @builtin(position) vec4f {
 
 // Kinds of pixels in tiles with virtual surfaces, as depths. A draw for a single kind uses a depth
 // between that and the next: software drivers skip pixels by the depth test and not by branches.
+// Difference of encoded normals up to which two samples of a pixel are shaded as one.
+const SAME_NORMAL = 0.1;
 const OUTLINE = 0.0;
 const NOTHING_VIRTUAL = 0.5;
 const INTERIOR = 1.0;
@@ -306,38 +317,29 @@ fn outline(@builtin(position) position: vec4f) -> @location(0) vec4f {
     let pixel = vec2i(position.xy);
     let code = textureLoad(camera, pixel, 0);
     let factor = shadow_at(pixel);
-    var covered = 0;
-    var first = 0;
-    for (var s = SAMPLES - 1; s >= 0; s--) {
-        if is_surface(textureLoad(virtual_shape, pixel, s)) {
-            first = s;
-            covered += 1;
-        }
+    var left = 0u;
+    for (var s = 0; s < SAMPLES; s++) {
+        left |= select(0u, 1u << u32(s), is_surface(textureLoad(virtual_shape, pixel, s)));
     }
+    let covered = countOneBits(left);
     let behind = shadowed(code.rgb, factor, pixel) + in_exposure(added_at(pixel));
-    var linear = behind * (f32(SAMPLES - covered) / f32(SAMPLES));
+    var linear = behind * (1.0 - f32(covered) / f32(SAMPLES));
     // Samples on either side of an outline or a crease are shaded separately. The loop tests its
     // condition at the end, because software drivers would otherwise run its body once more than
     // any pixel needs.
-    let pixel_sample = first;
+    let pixel_sample = i32(firstTrailingBit(left | (1u << u32(SAMPLES - 1))));
     loop {
-        var same = 0;
-        var other = first;
-        for (var s = SAMPLES - 1; s >= 0; s--) {
-            if s >= first && is_surface(textureLoad(virtual_shape, pixel, s)) {
-                if same_surface(pixel, first, s) {
-                    same += 1;
-                } else {
-                    other = s;
-                }
-            }
+        let first = i32(firstTrailingBit(left | (1u << u32(SAMPLES - 1))));
+        var same = left & (1u << u32(first));
+        for (var s = 0; s < SAMPLES; s++) {
+            let is_left = (left >> u32(s) & 1u) != 0u;
+            same |= select(0u, 1u << u32(s), is_left & same_surface(pixel, first, s));
         }
         let shown = in_exposure(shade(pixel, first, first == pixel_sample)) * brightness_at(vec2f(pixel));
-        linear += shown * (f32(same) / f32(SAMPLES));
-        covered -= same;
-        first = other;
+        linear += shown * (f32(countOneBits(same)) / f32(SAMPLES));
+        left &= ~same;
         continuing {
-            break if covered <= 0 || same == 0;
+            break if left == 0u;
         }
     }
     return encoded(linear);
