@@ -366,6 +366,34 @@ fn emissive_surface_shows_its_radiance() {
 }
 
 #[test]
+fn every_sample_of_an_outline_counts_once() {
+    // Spheres of a few pixels, behind and through each other, as bright as the camera's picture: a
+    // sample that is lost or counted twice shows.
+    let code = 120;
+    let light = Response::srgb().linear_from_code()[usize::from(code)];
+    let glow = Material {
+        emissive: Vec3::splat(light),
+        ..matt(Vec3::ZERO)
+    };
+    let mut stage = Stage::new(128, 96)
+        .without_ground()
+        .lit(lighting(vec![cell(Vec3::Z, Vec3::ZERO)], 0.0));
+    for i in 0..60 {
+        let turn = f64::from(i) * 2.4;
+        let at = DVec3::new(turn.cos(), turn.sin(), 0.2) * 0.015 * f64::from(i).sqrt();
+        let ball = primitives::sphere(0.004 + 0.0001 * i as f32, 12, 8);
+        stage = stage.with_virtual(painted(ball, at, glow.clone()));
+    }
+    stage.picture.rgba.fill(code);
+    let composed = stage.compose();
+    let off = |c: &[u8]| c[..3].iter().any(|c| c.abs_diff(code) > 1);
+    let wrong = composed.rgba.chunks_exact(4).filter(|c| off(c)).count();
+    assert_eq!(wrong, 0);
+    let covered = virtual_inside(&stage.twin(), 0);
+    assert!(covered.iter().filter(|c| **c).count() > 500);
+}
+
+#[test]
 fn base_colour_multiplies_the_light() {
     let stage = tile(Material {
         base_colour: Vec4::new(0.25, 0.5, 1.0, 1.0),
