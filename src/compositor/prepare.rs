@@ -438,10 +438,10 @@ impl Compositor {
         let pose = input.world_from_camera.filter(|_| visible);
         let camera_from_world = pose.map_or(DMat4::IDENTITY, |p| p.inverse().to_matrix());
         let clip_from_world = view.clip_from_world(camera_from_world);
-        let emitters = self.scene.emitters.boxes();
+        let more = (self.scene.emitters.boxes()).chain(self.reflections.mirrors());
         self.cover.set_margin(rolling_shutter_margin(input, view));
         self.cover
-            .update(clip_from_world, view.size, pose.is_some(), emitters);
+            .update(clip_from_world, view.size, pose.is_some(), more);
         let focal = view.camera.focal.max_element();
         for part in &mut self.scene.virtual_parts {
             part.details.choose(clip_from_world, focal);

@@ -88,6 +88,41 @@ fn mirror_shows_a_virtual_box() {
 }
 
 #[test]
+fn real_mirror_shows_a_virtual_box_and_is_else_left_as_it_is() {
+    let mut glowing = box_at_the_back();
+    glowing.material = Material {
+        emissive: Vec3::new(0.0, 0.5, 0.0),
+        base_colour: Vec3::ZERO.extend(1.0),
+        specular: 0.0,
+        ..Material::default()
+    }
+    .into();
+    let reflectance = Vec3::new(0.9, 0.6, 0.9);
+    let real = Part {
+        mirror: true,
+        albedo: Some(reflectance),
+        name: "plate".to_owned(),
+        ..mirror()
+    };
+    for step in [1, 2] {
+        let mut stage = Stage::new(160, 120)
+            .without_ground()
+            .with_phantom(real.clone())
+            .with_virtual(glowing.clone())
+            .lit(even_sky(SKY));
+        stage.picture = flat(160, 120, REAL);
+        stage.settings.reflection_step = step;
+        let code = stage.response.code_from_linear(0.5 * reflectance.y);
+        let picture = stage.compose();
+        let front = shown(&stage, &picture, FRONT);
+        assert!(is_near(front, [0, code, 0], 3), "step {step}: {front:?}");
+        for p in [ABOVE, BESIDE] {
+            assert_eq!(shown(&stage, &picture, p), REAL, "step {step}: {p}");
+        }
+    }
+}
+
+#[test]
 fn scene_without_gloss_after_one_with_it_mirrors_nothing() {
     let with_box = stage().with_phantom(box_at_the_back());
     let without = stage();

@@ -1,5 +1,6 @@
 //! The surfaces that mirror rays can meet: virtual parts and phantoms, with what they reflect.
 
+use super::super::cover::{Corners, corners};
 use super::super::mesh_buffers::is_ground;
 use super::bvh::{Bvh, Hits, LANES, NOTHING, Rays};
 use glam::{DMat4, Mat3, Mat4, Vec3};
@@ -76,7 +77,7 @@ impl Surface {
             f90: 0.0,
             emissive: Vec3::ZERO,
             width: 0.0,
-            is_glossy: false,
+            is_glossy: part.mirror,
             phantom: Some(number),
         }
     }
@@ -169,6 +170,8 @@ pub struct NearbyScene {
     moving: Vec<Mover>,
     /// Phantoms alone.
     real: Bvh,
+    /// The boxes around real mirrors, world.
+    pub mirrors: Vec<Corners>,
     /// Height of the ground, metres.
     pub ground: Option<f32>,
     /// Distance of a ray's origin from its surface, metres.
@@ -176,18 +179,18 @@ pub struct NearbyScene {
 }
 
 impl NearbyScene {
-    /// The surfaces of `scene`; `None` if none of its virtual parts is glossy. Parts whose texture
-    /// cuts holes are left out.
+    /// The surfaces of `scene`; `None` if it has no virtual part, or neither a glossy one nor a real
+    /// mirror. Parts whose texture cuts holes are left out.
     pub fn new(scene: &Scene) -> Option<Self> {
         let parts = &scene.virtual_parts;
         let mut surfaces: Vec<Surface> = (parts.iter())
             .map(|part| Surface::virtual_one(&part.material))
             .collect();
-        if !surfaces.iter().any(|surface| surface.is_glossy) {
-            return None;
-        }
         let solid: Vec<&Part> = solid_phantoms(scene).collect();
         surfaces.extend(solid.iter().zip(0..).map(|(p, i)| Surface::real_one(p, i)));
+        if parts.is_empty() || !surfaces.iter().any(|surface| surface.is_glossy) {
+            return None;
+        }
         let first_real = parts.len() as u32;
         let real = || {
             let numbered = solid.iter().zip(first_real..);
@@ -212,6 +215,9 @@ impl NearbyScene {
             still: Body::new(still.chain(real())),
             moving: moving.collect(),
             real: Body::new(real()).bvh,
+            mirrors: real()
+                .filter_map(|(part, ..)| box_of_mirror(part))
+                .collect(),
             ground: scene.ground_height.map(|height| height as f32),
             lift: LIFT * extent(parts),
         })
@@ -272,6 +278,15 @@ impl NearbyScene {
             surface: &self.surfaces[face.surface as usize],
         })
     }
+}
+
+/// The box around a phantom, if it is a mirror.
+fn box_of_mirror(part: &Part) -> Option<Corners> {
+    let vertices = part.mesh.vertices.iter().filter(|_| part.mirror);
+    corners(
+        vertices.map(|v| v.position.as_dvec3()),
+        part.world_from_part,
+    )
 }
 
 /// The most by which the normal turns along an edge, radians a metre.

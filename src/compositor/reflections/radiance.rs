@@ -2,7 +2,7 @@
 
 use super::super::frame_input::FrameInput;
 use super::nearby_scene::Surface;
-use glam::Vec3;
+use glam::{Vec2, Vec3};
 use penumbra_camera::{PinholeCamera, Response};
 use penumbra_interface::RigidTransform;
 use penumbra_lighting::compact_source_specular::CompleteMap;
@@ -107,15 +107,23 @@ impl<'a> NearbyLight<'a> {
         self.lighting.ground_radiance * self.ground_share(p)
     }
 
-    fn ground_share(&self, p: Vec3) -> Vec3 {
+    /// Share of the ground's light that remains in the shadows of virtual objects.
+    pub fn ground_share(&self, p: Vec3) -> Vec3 {
         let share = self.indirect.and_then(|light| {
             let at = (p - light.low).truncate() / (light.high - light.low).truncate();
             if at.min_element() < 0.0 || at.max_element() >= 1.0 {
                 return None;
             }
-            let cell = (at * GROUND_SIDE as f32).as_uvec2();
-            let cell = (cell.y * GROUND_SIDE + cell.x) as usize;
-            light.nearby.ground.get(cell).copied()
+            let last = GROUND_SIDE as f32 - 1.0;
+            let at = (at * GROUND_SIDE as f32 - 0.5).clamp(Vec2::ZERO, Vec2::splat(last));
+            let cell = at.min(Vec2::splat(last - 1.0)).as_uvec2();
+            let part = at - cell.as_vec2();
+            let share = |x: u32, y: u32| {
+                let cell = (cell.y + y) * GROUND_SIDE + cell.x + x;
+                light.nearby.ground.get(cell as usize).copied()
+            };
+            let near = share(0, 0)?.lerp(share(1, 0)?, part.x);
+            Some(near.lerp(share(0, 1)?.lerp(share(1, 1)?, part.x), part.y))
         });
         share.unwrap_or(Vec3::ONE)
     }

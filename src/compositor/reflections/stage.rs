@@ -1,5 +1,6 @@
 //! The pass on the processor: traces the covered tiles of a frame and uploads the result.
 
+use super::super::cover::Corners;
 use super::super::frame_input::FrameInput;
 use super::super::frame_view::FrameView;
 use super::super::textures::{FrameTexture, TILE, format};
@@ -21,7 +22,7 @@ const ROWS: usize = 4;
 /// Rays for a lobe where every pixel is a point of the lattice, and where not.
 const RAYS: [usize; 2] = [12, 3];
 
-/// A texel: light, open, seen, seen · metres as half floats, then z.
+/// A texel: light, open, seen, seen · metres as half floats, then z, negative on a real mirror.
 type Texel = [u32; 4];
 
 /// The scene, and the picture of what its glossy surfaces mirror.
@@ -74,6 +75,11 @@ impl ReflectionsStage {
         if let Some(scene) = &mut self.scene {
             scene.place(part, world);
         }
+    }
+
+    /// The boxes around the real mirrors of the scene, world.
+    pub fn mirrors(&self) -> impl Iterator<Item = Corners> {
+        self.scene.iter().flat_map(|scene| &scene.mirrors).copied()
     }
 
     /// What the composite binds.
@@ -157,7 +163,11 @@ impl Work<'_> {
                     let at = Vec2::new((left * side + x) as f32, (top * side + row + y) as f32);
                     (at + 0.5) * self.step as f32 - 0.5
                 });
-                for (lane, found) in self.tracer.trace(pixels).into_iter().enumerate() {
+                let found = match self.step {
+                    1 => self.tracer.trace_smoothly(pixels),
+                    _ => self.tracer.trace(pixels),
+                };
+                for (lane, found) in found.into_iter().enumerate() {
                     let (x, y) = place(lane);
                     points[y * across + x] = found;
                 }
@@ -221,7 +231,7 @@ impl Work<'_> {
         }
         let last = waiting.pixels[count - 1];
         waiting.pixels[count..].fill(last);
-        let found = self.tracer.trace(waiting.pixels);
+        let found = self.tracer.trace_smoothly(waiting.pixels);
         for (found, texel) in found.iter().zip(&waiting.texels[..count]) {
             texels[*texel] = packed(found);
         }

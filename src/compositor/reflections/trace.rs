@@ -12,6 +12,10 @@
 //! virtual surfaces and of phantoms that the camera does not see, of each over all rays. Where the
 //! camera sees a phantom, `seen` is the share of the rays that meet it and `metres` their mean
 //! length: the composite looks up the picture there.
+//!
+//! A real mirror shows the real scene already. There, `light` is what it reflects of virtual surfaces,
+//! and `open` the share that remains of its picture: less where it shows one of those, or their shadow
+//! on the ground.
 
 use super::bvh::{LANES, Lanes, Rays};
 use super::nearby_scene::{Met, NearbyScene, Surface};
@@ -42,6 +46,13 @@ const SAME_SHARE: f32 = 0.2;
 const SAME_LIGHT: f32 = 0.25;
 /// Difference of light that is dark beside everything, in units of the camera's white.
 const DARK: f32 = 0.004;
+/// Places within a pixel at which real mirrors are looked at, beside its centre.
+const WITHIN_PIXEL: [Vec2; 4] = [
+    Vec2::new(-0.125, -0.375),
+    Vec2::new(0.375, -0.125),
+    Vec2::new(-0.375, 0.125),
+    Vec2::new(0.125, 0.375),
+];
 /// Angle between successive points of a spiral.
 const GOLDEN: f32 = 2.399_963_2;
 
@@ -56,7 +67,8 @@ pub struct Nearby {
     pub seen: f32,
     /// Mean length of those, metres.
     pub metres: f32,
-    /// Distance of the surface along the camera's axis, metres; 0 without a glossy surface.
+    /// Distance of the surface along the camera's axis, metres, negative for a real mirror; 0 without
+    /// a glossy surface.
     pub z: f32,
     /// Shading normal of the surface.
     pub normal: Vec3,
@@ -100,9 +112,14 @@ impl Nearby {
         })
     }
 
+    /// Whether it is what a real mirror shows.
+    const fn is_in_real_mirror(&self) -> bool {
+        self.z < 0.0
+    }
+
     /// Whether what lies between two points is theirs.
     fn is_like(&self, other: &Self) -> bool {
-        let same_surface = (self.z - other.z).abs() < SAME_DISTANCE * self.z
+        let same_surface = (self.z - other.z).abs() < SAME_DISTANCE * self.z.abs()
             && self.normal.dot(other.normal) > SAME_NORMAL;
         let brightest = self.light.max(other.light).max_element();
         let shares = (self.open - other.open)
@@ -279,7 +296,11 @@ impl Tracer<'_> {
                 metres: 0.0,
                 sum: Nearby {
                     open: 0.0,
-                    z: met.distance,
+                    z: if met.surface.phantom.is_some() {
+                        -met.distance
+                    } else {
+                        met.distance
+                    },
                     normal: met.shading_normal,
                     ..Nearby::NOTHING
                 },
@@ -292,6 +313,30 @@ impl Tracer<'_> {
             self.reflect(number, &mut mirrors);
         }
         mirrors.map(|mirror| mirror.map_or(Nearby::NOTHING, Mirror::mean))
+    }
+
+    /// The same; real mirrors by the mean over each pixel, because the picture that they show is sharp.
+    pub fn trace_smoothly(&self, pixels: [Vec2; LANES]) -> [Nearby; LANES] {
+        let mut found = self.trace(pixels);
+        if !found.iter().any(Nearby::is_in_real_mirror) {
+            return found;
+        }
+        let mut count = [1.0; LANES];
+        for offset in WITHIN_PIXEL {
+            let more = self.trace(pixels.map(|pixel| pixel + offset));
+            for (lane, more) in more.iter().enumerate() {
+                if found[lane].is_in_real_mirror() && more.is_in_real_mirror() {
+                    found[lane].light += more.light;
+                    found[lane].open += more.open;
+                    count[lane] += 1.0;
+                }
+            }
+        }
+        for (found, count) in found.iter_mut().zip(count) {
+            found.light /= count;
+            found.open /= count;
+        }
+        found
     }
 
     /// Traces ray `number` of each mirror.
@@ -315,6 +360,15 @@ impl Tracer<'_> {
             let Some(mirror) = mirror.as_mut().filter(|_| packet.farthest[lane] > 0.0) else {
                 continue;
             };
+            let is_virtual = |met: &Met<'_>| met.surface.phantom.is_none();
+            if mirror.is_real() && !found[lane].as_ref().is_some_and(is_virtual) {
+                let far = packet.farthest[lane];
+                let shows_ground = found[lane].is_none() && far < f32::MAX;
+                let shadowed = shows_ground.then(|| packet.point(lane, far));
+                let share = shadowed.map_or(Vec3::ONE, |p| self.light.ground_share(p));
+                mirror.sum.open += share.element_sum() / 3.0;
+                continue;
+            }
             let Some(met) = &found[lane] else {
                 // The picture shows the ground there, unless a phantom hides it.
                 let point = packet.point(lane, packet.farthest[lane]);
@@ -464,8 +518,18 @@ impl Mirror<'_> {
         (is_above || number == 0).then(|| lifted(direction, self.met.normal))
     }
 
+    /// Whether it is a phantom.
+    const fn is_real(&self) -> bool {
+        self.met.surface.phantom.is_some()
+    }
+
     fn mean(self) -> Nearby {
         let scale = 1.0 / self.weight.max(1.0);
+        let reflectance = if self.is_real() {
+            self.met.surface.f0
+        } else {
+            Vec3::ONE
+        };
         let Nearby {
             light,
             open,
@@ -475,7 +539,7 @@ impl Mirror<'_> {
             ..
         } = self.sum;
         Nearby {
-            light: light * scale,
+            light: light * scale * reflectance,
             open: open * scale,
             seen: seen * scale,
             metres: self.metres / seen.max(1e-6),
@@ -709,6 +773,35 @@ mod tests {
         let twice = scene(vec![level_mirror(), cube(mirror())], Vec::new());
         let twice = mirrored(&twice, 1, &[front])[0];
         assert!((twice.light - 1.0).length() < 1e-4, "{twice:?}");
+    }
+
+    #[test]
+    fn real_mirror_shows_what_is_virtual_and_keeps_the_rest() {
+        let lamp = Material {
+            emissive: Vec3::new(0.0, 2.0, 0.0),
+            base_colour: Vec3::ZERO.extend(1.0),
+            specular: 0.0,
+            ..Material::default()
+        };
+        let cube = |x, material| {
+            let size = Vec3::splat(0.1);
+            part(primitives::cuboid(size), Vec3::new(x, 0.25, 0.0), material)
+        };
+        let plate = Part {
+            mirror: true,
+            albedo: Some(Vec3::splat(0.5)),
+            ..level_mirror()
+        };
+        let scene = scene(vec![cube(-0.1, lamp)], vec![plate, cube(0.1, mirror())]);
+        let at = [-0.1, 0.1, 0.3].map(|x| image_of(Vec3::new(x, 0.2, 0.05)));
+        let [glowing, real, nothing] = mirrored(&scene, 1, &at)[..] else {
+            panic!("three points");
+        };
+        assert!(glowing.z < 0.0 && glowing.open == 0.0, "{glowing:?}");
+        assert!((glowing.light - Vec3::new(0.0, 1.0, 0.0)).length() < 1e-5);
+        for kept in [real, nothing] {
+            assert_eq!((kept.open, kept.seen, kept.light), (1.0, 0.0, Vec3::ZERO));
+        }
     }
 
     #[test]

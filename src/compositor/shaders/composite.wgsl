@@ -176,6 +176,9 @@ fn shade(pixel: vec2i, s: i32, own: bool) -> vec3f {
     return diffuse + specular + sources + lamps + emissive_of(material);
 }
 
+// Difference of encoded normals up to which two samples of a pixel are shaded as one.
+const SAME_NORMAL = 0.1;
+
 // Whether two samples of a pixel show the same surface: their normals are nearly the same (unit
 // octahedron), and one lies in the tangent plane of the other, to the width of a pixel there. The
 // depth of a plane is linear in the picture.
@@ -223,8 +226,6 @@ fn real_edge_tile(@builtin(vertex_index) v: u32) -> @builtin(position) vec4f {
 
 // Kinds of pixels in tiles with virtual surfaces, as depths. A draw for a single kind uses a depth
 // between that and the next: software drivers skip pixels by the depth test and not by branches.
-// Difference of encoded normals up to which two samples of a pixel are shaded as one.
-const SAME_NORMAL = 0.1;
 const OUTLINE = 0.0;
 const NOTHING_VIRTUAL = 0.5;
 const INTERIOR = 1.0;
@@ -322,7 +323,8 @@ fn outline(@builtin(position) position: vec4f) -> @location(0) vec4f {
         left |= select(0u, 1u << u32(s), is_surface(textureLoad(virtual_shape, pixel, s)));
     }
     let covered = countOneBits(left);
-    let behind = shadowed(code.rgb, factor, pixel) + in_exposure(added_at(pixel));
+    let real = with_reflections(shadowed(code.rgb, factor, pixel), pixel);
+    let behind = real + in_exposure(added_at(pixel));
     var linear = behind * (1.0 - f32(covered) / f32(SAMPLES));
     // Samples on either side of an outline or a crease are shaded separately. The loop tests its
     // condition at the end, because software drivers would otherwise run its body once more than

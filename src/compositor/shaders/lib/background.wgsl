@@ -140,6 +140,15 @@ fn divided_at_edge(pixel: vec2i, linear: vec3f, own_factor: vec3f) -> AtEdge {
     return AtEdge(clamp(linear * mix(own_factor, factor, known), low, high), true);
 }
 
+// The picture's light with what real mirrors show of virtual objects.
+fn with_reflections(linear: vec3f, pixel: vec2i) -> vec3f {
+    if !NEARBY {
+        return linear;
+    }
+    let mirrored = in_real_mirror(pixel);
+    return linear * mirrored.a + in_exposure(mirrored.rgb) * brightness_at(vec2f(pixel));
+}
+
 // `near_edge`: whether a real edge may be near.
 fn background_at(pixel: vec2i, near_edge: bool) -> vec4f {
     let code = textureLoad(camera, pixel, 0);
@@ -150,12 +159,16 @@ fn background_at(pixel: vec2i, near_edge: bool) -> vec4f {
         at_edge = divided_at_edge(pixel, linear_of(code.rgb), factor);
     }
     let unshadowed = all(factor == vec3f(select(1.0, 0.0, frame.counts.y == 1u)));
-    if !at_edge.found && unshadowed && all(added == vec3f(0.0)) {
+    var reflects = false;
+    if NEARBY {
+        reflects = any(in_real_mirror(pixel) != vec4f(0.0, 0.0, 0.0, 1.0));
+    }
+    if !at_edge.found && unshadowed && !reflects && all(added == vec3f(0.0)) {
         if EXPOSED {
             return encoded(code.rgb);
         }
         return code;
     }
     let linear = select(shadowed(code.rgb, factor, pixel), at_edge.light, at_edge.found);
-    return encoded(linear + in_exposure(added));
+    return encoded(with_reflections(linear, pixel) + in_exposure(added));
 }

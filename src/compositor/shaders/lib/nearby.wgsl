@@ -1,8 +1,8 @@
 // What glossy surfaces mirror of their neighbourhood, by rays that the processor has traced. Twin of
 // `reflections::stage`.
 
-// Light, open, seen, seen times metres as half floats; distance along the camera's axis, 0 without
-// a glossy surface.
+// Light, open, seen, seen times metres as half floats; distance along the camera's axis, negative on
+// a real mirror, 0 without a glossy surface.
 @group(3) @binding(6) var nearby: texture_2d<u32>;
 
 struct Nearby {
@@ -45,4 +45,13 @@ fn nearby_at(at: vec2f, z: f32) -> Nearby {
     let open = select(1.0, shares.x * scale, found);
     let seen = select(0.0, shares.y * scale, found);
     return Nearby(light * scale, open, seen, shares.z / max(shares.y, 1e-9));
+}
+
+// What a real mirror shows of virtual objects: light, and the share that remains of its picture.
+fn in_real_mirror(pixel: vec2i) -> vec4f {
+    let last = vec2i(textureDimensions(nearby)) - vec2i(1);
+    let texel = textureLoad(nearby, min(pixel, last), 0);
+    let b_open = unpack2x16float(texel.y);
+    let light = vec3f(unpack2x16float(texel.x), b_open.x);
+    return select(vec4f(0.0, 0.0, 0.0, 1.0), vec4f(light, b_open.y), bitcast<f32>(texel.w) < 0.0);
 }
