@@ -79,6 +79,10 @@ fn far_radiance(d: vec3f, level: f32, gloss: Gloss) -> vec3f {
 
 // Width of lobes from which on wider ones meet the ground like this one.
 const WIDEST = 0.1;
+// Width of the texels, as a share of the distance times the lobe's width, whose interpolation blurs
+// as the lobe does. Half of all directions are within 2 alpha of the mirror direction (GGX), as of a
+// Gaussian of the standard deviation 1.7 alpha; that of interpolation is half a texel.
+const SPREAD = 3.4;
 // Share of a lobe that is neglected.
 const NEGLECTED = 0.03;
 
@@ -116,7 +120,7 @@ fn reflected(world: vec3f, d: vec3f, level: f32, gloss: Gloss) -> vec3f {
         replaced = far_radiance(low, level, gloss);
     }
     let t = (world.z - frame.params.y) / -low.z;
-    let spread = 2.0 * t * gloss.width;
+    let spread = SPREAD * t * gloss.width;
     let foot = world + low * t;
     let near = real_radiance(foot, spread, BESIDE);
     let ground = mix(frame.ground.rgb * ground_share(foot), near.rgb, near.a);
@@ -126,7 +130,7 @@ fn reflected(world: vec3f, d: vec3f, level: f32, gloss: Gloss) -> vec3f {
 // Light that a glossy surface mirrors: `far` from far away and from the ground as far as nothing is
 // in between, else of what is close by.
 fn mirrored_light(far: vec3f, near: Nearby, world: vec3f, d: vec3f, gloss: Gloss) -> vec3f {
-    let seen = real_radiance(world + d * near.metres, 2.0 * near.metres * gloss.width, BESIDE).rgb;
+    let seen = real_radiance(world + d * near.metres, SPREAD * near.metres * gloss.width, BESIDE).rgb;
     return far * near.open + near.light + seen * near.seen;
 }
 
