@@ -7,7 +7,7 @@ use super::super::textures::{FrameTexture, TILE, format};
 use super::bvh::LANES;
 use super::nearby_scene::NearbyScene;
 use super::radiance::NearbyLight;
-use super::trace::{Nearby, Tracer, View, slopes};
+use super::trace::{Between, Nearby, Tracer, View, slopes};
 use crate::compiled::Device;
 use glam::{DMat4, Vec2};
 use half::f16;
@@ -19,8 +19,10 @@ use wgpu::TextureUsages as U;
 const PACKET: [usize; 2] = [4, 2];
 /// Rows of the lattice that a thread takes at a time.
 const ROWS: usize = 4;
-/// Rays for a lobe where every pixel is a point of the lattice, and where not.
-const RAYS: [usize; 2] = [12, 3];
+/// Rays for a lobe at a pixel that mirrors several things, ...
+const RAYS: usize = 12;
+/// ... and at a point of a lattice that stands for several pixels, or an outline.
+const FEW_RAYS: usize = 3;
 
 /// A texel: light, open, seen, seen · metres as half floats, then z, negative on a real mirror.
 type Texel = [u32; 4];
@@ -31,8 +33,8 @@ pub struct ReflectionsStage {
     scene: Option<NearbyScene>,
     /// Pixels from one point of the lattice to the next.
     step: u32,
-    /// Of the rays for a lobe.
-    slopes: Vec<Vec2>,
+    /// Of the rays for a lobe: few, and many.
+    slopes: [Vec<Vec2>; 2],
     picture: FrameTexture,
     /// The points of the lattice in the rectangle of covered tiles.
     lattice: Vec<Nearby>,
@@ -56,7 +58,7 @@ impl ReflectionsStage {
             device: device.clone(),
             scene: None,
             step,
-            slopes: slopes(RAYS[usize::from(step > 1)]),
+            slopes: [if step > 1 { FEW_RAYS } else { RAYS }, RAYS].map(slopes),
             picture: picture(device, (1, 1)),
             lattice: Vec::new(),
             texels: Vec::new(),
@@ -109,11 +111,11 @@ impl ReflectionsStage {
                 scene,
                 light,
                 view: View::new(&view.camera, pose),
-                slopes: &self.slopes,
                 spacing: self.step as f32 / view.camera.focal.x as f32,
             },
             tiles,
             step: self.step,
+            slopes: &self.slopes,
         };
         let [_, _, across, down] = tiles.rectangle.map(|n| (n * TILE) as usize);
         if across == 0 || down == 0 {
@@ -141,6 +143,8 @@ struct Work<'a> {
     tracer: Tracer<'a>,
     tiles: ReflectionTiles<'a>,
     step: u32,
+    /// See [`ReflectionsStage::slopes`].
+    slopes: &'a [Vec<Vec2>; 2],
 }
 
 impl Work<'_> {
@@ -164,8 +168,8 @@ impl Work<'_> {
                     (at + 0.5) * self.step as f32 - 0.5
                 });
                 let found = match self.step {
-                    1 => self.tracer.trace_smoothly(pixels),
-                    _ => self.tracer.trace(pixels),
+                    1 => self.tracer.trace_smoothly(&self.slopes[1], pixels),
+                    _ => self.tracer.trace(&self.slopes[0], pixels),
                 };
                 for (lane, found) in found.into_iter().enumerate() {
                     let (x, y) = place(lane);
@@ -182,31 +186,37 @@ impl Work<'_> {
         let [left, top, ..] = self.tiles.rectangle.map(|n| n as usize);
         let covered = &self.tiles.covered[(top + number) * self.tiles.across as usize + left..];
         texels.fill([0; 4]);
-        let mut waiting = Waiting::default();
+        let mut waiting = self.slopes.each_ref().map(|slopes| Waiting::new(slopes));
         for x in (0..across).filter(|x| covered[x / side] != 0) {
             for y in 0..side {
                 let own = y * across + x;
-                if let Some(found) = self.between(lattice, across, (x, number * side + y)) {
-                    texels[own] = packed(&found);
-                    continue;
-                }
+                let waiting = match self.between(lattice, across, (x, number * side + y)) {
+                    Between::Known(found) => {
+                        texels[own] = packed(&found);
+                        continue;
+                    }
+                    Between::Surfaces => &mut waiting[0],
+                    Between::Reflections => &mut waiting[1],
+                };
                 let pixel = Vec2::new((left * side + x) as f32, ((top + number) * side + y) as f32);
                 waiting.pixels[waiting.count] = pixel;
                 waiting.texels[waiting.count] = own;
                 waiting.count += 1;
                 if waiting.count == LANES {
-                    self.trace_waiting(&mut waiting, texels);
+                    self.trace_waiting(waiting, texels);
                 }
             }
         }
-        self.trace_waiting(&mut waiting, texels);
+        for waiting in &mut waiting {
+            self.trace_waiting(waiting, texels);
+        }
     }
 
-    /// What the lattice tells of a pixel of the rectangle; `None` if it has to be traced.
-    fn between(&self, lattice: &[Nearby], across: usize, (x, y): (usize, usize)) -> Option<Nearby> {
+    /// What the lattice tells of a pixel of the rectangle.
+    fn between(&self, lattice: &[Nearby], across: usize, (x, y): (usize, usize)) -> Between {
         let step = self.step as usize;
         if step == 1 {
-            return lattice.get(y * across + x).copied();
+            return Between::Known(lattice[y * across + x]);
         }
         let across = across / step;
         let down = lattice.len() / across;
@@ -224,14 +234,14 @@ impl Work<'_> {
         Nearby::between(corners, weights)
     }
 
-    fn trace_waiting(&self, waiting: &mut Waiting, texels: &mut [Texel]) {
+    fn trace_waiting(&self, waiting: &mut Waiting<'_>, texels: &mut [Texel]) {
         let count = std::mem::take(&mut waiting.count);
         if count == 0 {
             return;
         }
         let last = waiting.pixels[count - 1];
         waiting.pixels[count..].fill(last);
-        let found = self.tracer.trace_smoothly(waiting.pixels);
+        let found = self.tracer.trace_smoothly(waiting.slopes, waiting.pixels);
         for (found, texel) in found.iter().zip(&waiting.texels[..count]) {
             texels[*texel] = packed(found);
         }
@@ -239,11 +249,23 @@ impl Work<'_> {
 }
 
 /// Pixels that are traced together, and their texels.
-#[derive(Default)]
-struct Waiting {
+struct Waiting<'a> {
+    /// Of their rays.
+    slopes: &'a [Vec2],
     pixels: [Vec2; LANES],
     texels: [usize; LANES],
     count: usize,
+}
+
+impl<'a> Waiting<'a> {
+    const fn new(slopes: &'a [Vec2]) -> Self {
+        Self {
+            slopes,
+            pixels: [Vec2::ZERO; LANES],
+            texels: [0; LANES],
+            count: 0,
+        }
+    }
 }
 
 /// Twin of WGSL `nearby_at`, which reads it.

@@ -74,6 +74,16 @@ pub struct Nearby {
     pub normal: Vec3,
 }
 
+/// What lies between four points of a lattice.
+pub enum Between {
+    /// What lies on their surface and mirrors what they do.
+    Known(Nearby),
+    /// Several surfaces.
+    Surfaces,
+    /// One surface that mirrors several things.
+    Reflections,
+}
+
 impl Nearby {
     /// No glossy surface.
     pub const NOTHING: Self = Self {
@@ -85,31 +95,33 @@ impl Nearby {
         normal: Vec3::ZERO,
     };
 
-    /// What is between four points of a lattice, by their weights; `None` if they are not on one
-    /// surface or mirror different things.
-    pub fn between(corners: [&Self; 4], weights: [f32; 4]) -> Option<Self> {
+    /// What is between four points of a lattice, by their weights.
+    pub fn between(corners: [&Self; 4], weights: [f32; 4]) -> Between {
         let first = corners[0];
         if corners.iter().all(|c| c.z == 0.0) {
-            return Some(Self::NOTHING);
+            return Between::Known(Self::NOTHING);
         }
-        let alike = corners.iter().all(|c| first.is_like(c));
-        alike.then(|| {
-            let mut sum = Self {
-                open: 0.0,
-                normal: first.normal,
-                ..Self::NOTHING
-            };
-            let mut metres = 0.0;
-            for (corner, weight) in corners.iter().zip(weights) {
-                sum.light += corner.light * weight;
-                sum.open += corner.open * weight;
-                sum.seen += corner.seen * weight;
-                metres += corner.seen * corner.metres * weight;
-                sum.z += corner.z * weight;
-            }
-            sum.metres = metres / sum.seen.max(1e-6);
-            sum
-        })
+        if !corners.iter().all(|c| first.is_on_surface_of(c)) {
+            return Between::Surfaces;
+        }
+        if !corners.iter().all(|c| first.mirrors_the_same(c)) {
+            return Between::Reflections;
+        }
+        let mut sum = Self {
+            open: 0.0,
+            normal: first.normal,
+            ..Self::NOTHING
+        };
+        let mut metres = 0.0;
+        for (corner, weight) in corners.iter().zip(weights) {
+            sum.light += corner.light * weight;
+            sum.open += corner.open * weight;
+            sum.seen += corner.seen * weight;
+            metres += corner.seen * corner.metres * weight;
+            sum.z += corner.z * weight;
+        }
+        sum.metres = metres / sum.seen.max(1e-6);
+        Between::Known(sum)
     }
 
     /// Whether it is what a real mirror shows.
@@ -117,16 +129,17 @@ impl Nearby {
         self.z < 0.0
     }
 
-    /// Whether what lies between two points is theirs.
-    fn is_like(&self, other: &Self) -> bool {
-        let same_surface = (self.z - other.z).abs() < SAME_DISTANCE * self.z.abs()
-            && self.normal.dot(other.normal) > SAME_NORMAL;
+    fn is_on_surface_of(&self, other: &Self) -> bool {
+        (self.z - other.z).abs() < SAME_DISTANCE * self.z.abs()
+            && self.normal.dot(other.normal) > SAME_NORMAL
+    }
+
+    fn mirrors_the_same(&self, other: &Self) -> bool {
         let brightest = self.light.max(other.light).max_element();
         let shares = (self.open - other.open)
             .abs()
             .max((self.seen - other.seen).abs());
-        same_surface
-            && shares < SAME_SHARE
+        shares < SAME_SHARE
             && (self.light - other.light).abs().max_element() < SAME_LIGHT * brightest + DARK
     }
 }
@@ -171,8 +184,6 @@ pub struct Tracer<'a> {
     pub scene: &'a NearbyScene,
     pub light: NearbyLight<'a>,
     pub view: View,
-    /// The slopes of half vectors, in units of the lobe's width, of the rays for a lobe.
-    pub slopes: &'a [Vec2],
     /// Angle between neighbouring points, radians.
     pub spacing: f32,
 }
@@ -270,8 +281,9 @@ struct Second {
 }
 
 impl Tracer<'_> {
-    /// What the surfaces behind some pixels mirror.
-    pub fn trace(&self, pixels: [Vec2; LANES]) -> [Nearby; LANES] {
+    /// What the surfaces behind some pixels mirror. `slopes`: those of half vectors, in units of the
+    /// lobe's width, of the rays for a lobe.
+    pub fn trace(&self, slopes: &[Vec2], pixels: [Vec2; LANES]) -> [Nearby; LANES] {
         let mut packet = Packet::new();
         let directions = pixels.map(|pixel| self.view.through(pixel));
         for (lane, direction) in directions.iter().enumerate() {
@@ -309,21 +321,21 @@ impl Tracer<'_> {
         if mirrors.iter().all(Option::is_none) {
             return [Nearby::NOTHING; LANES];
         }
-        for number in 0..self.slopes.len() {
-            self.reflect(number, &mut mirrors);
+        for number in 0..slopes.len() {
+            self.reflect((number, slopes), &mut mirrors);
         }
         mirrors.map(|mirror| mirror.map_or(Nearby::NOTHING, Mirror::mean))
     }
 
     /// The same; real mirrors by the mean over each pixel, because the picture that they show is sharp.
-    pub fn trace_smoothly(&self, pixels: [Vec2; LANES]) -> [Nearby; LANES] {
-        let mut found = self.trace(pixels);
+    pub fn trace_smoothly(&self, slopes: &[Vec2], pixels: [Vec2; LANES]) -> [Nearby; LANES] {
+        let mut found = self.trace(slopes, pixels);
         if !found.iter().any(Nearby::is_in_real_mirror) {
             return found;
         }
         let mut count = [1.0; LANES];
         for offset in WITHIN_PIXEL {
-            let more = self.trace(pixels.map(|pixel| pixel + offset));
+            let more = self.trace(slopes, pixels.map(|pixel| pixel + offset));
             for (lane, more) in more.iter().enumerate() {
                 if found[lane].is_in_real_mirror() && more.is_in_real_mirror() {
                     found[lane].light += more.light;
@@ -340,10 +352,14 @@ impl Tracer<'_> {
     }
 
     /// Traces ray `number` of each mirror.
-    fn reflect(&self, number: usize, mirrors: &mut [Option<Mirror<'_>>; LANES]) {
+    fn reflect(
+        &self,
+        (number, slopes): (usize, &[Vec2]),
+        mirrors: &mut [Option<Mirror<'_>>; LANES],
+    ) {
         let mut packet = Packet::new();
         for (lane, mirror) in mirrors.iter_mut().enumerate() {
-            let ray = mirror.as_mut().and_then(|m| m.ray(number, self.slopes));
+            let ray = mirror.as_mut().and_then(|m| m.ray(number, slopes));
             if let (Some(mirror), Some(direction)) = (mirror, ray) {
                 mirror.weight += 1.0;
                 let origin = mirror.point + mirror.met.normal * self.scene.lift;
@@ -692,7 +708,6 @@ mod tests {
             scene: &NearbyScene::new(scene).expect("glossy"),
             light: NearbyLight::new(&input, &response).expect("lit"),
             view: View::new(&camera, pose),
-            slopes: &slopes(rays),
             spacing: 0.002,
         };
         let pixel = |p: &Vec3| {
@@ -701,7 +716,7 @@ mod tests {
         };
         points
             .iter()
-            .map(|p| tracer.trace([pixel(p); LANES])[LANES - 1])
+            .map(|p| tracer.trace(&slopes(rays), [pixel(p); LANES])[LANES - 1])
             .collect()
     }
 
