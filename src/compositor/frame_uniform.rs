@@ -10,6 +10,7 @@ use penumbra_interface::RigidTransform;
 use penumbra_lighting::DomeLight;
 use penumbra_lighting::place::MAX_NEAR_LIGHTS;
 use penumbra_scene::ShadowMode;
+use penumbra_scene::indirect_light::GroundMap;
 
 /// The inputs of the uniform.
 pub struct UniformInputs<'a> {
@@ -51,6 +52,7 @@ pub fn frame_uniform(from: &UniformInputs<'_>) -> FrameUniform {
         .indirect_light
         .filter(|near| near.generation != 0 && visible);
     let grid = indirect.map(|near| &near.on_virtual.grid);
+    let on_ground = indirect.map_or_else(GroundMap::default, |near| near.on_ground);
     let grid = grid.filter(|grid| !grid.cells.is_empty());
     let [rotation_per_row, translation_per_row] = rolling_shutter(from);
     let [distortion, rows] = distortion(view);
@@ -88,6 +90,7 @@ pub fn frame_uniform(from: &UniformInputs<'_>) -> FrameUniform {
         tiling: [from.lights.div_ceil(64).max(1), TILE, 0, TILE.ilog2()],
         indirect_low: indirect.map_or([0.0; 4], |n| n.low.extend(1.0).to_array()),
         indirect_high: indirect.map_or([1.0; 4], |n| n.high.extend(0.0).to_array()),
+        indirect_objects: on_ground.corners(),
         on_virtual_low: grid.map_or([0.0; 4], |grid| grid.low.extend(1.0).to_array()),
         on_virtual_high: grid.map_or([1.0; 4], |grid| grid.high.extend(0.0).to_array()),
         planes_low: [0.0; 4],

@@ -26,6 +26,7 @@ pub struct FrameUniform {
     pub tiling: [u32; 4],
     pub indirect_low: [f32; 4],
     pub indirect_high: [f32; 4],
+    pub indirect_objects: [f32; 4],
     pub on_virtual_low: [f32; 4],
     pub on_virtual_high: [f32; 4],
     pub planes_low: [f32; 4],

@@ -2,7 +2,7 @@
 
 use crate::layout::{BORDERED, TEXELS};
 use crate::texels::PageTexels;
-use glam::{UVec3, Vec3, Vec4};
+use glam::{UVec3, Vec2, Vec3, Vec4};
 use penumbra_scene::IndirectLight;
 use penumbra_scene::indirect_light::{GROUND_SIDE, Irradiance, VOLUME_SIZE};
 
@@ -77,7 +77,8 @@ pub fn irradiance(light: &IndirectLight, kind: &Irradiance, p: Vec3, n: Vec3) ->
         return Vec3::ZERO;
     }
     if n.z > 0.99 && at.z < 0.02 {
-        return on_ground(&kind.ground, at);
+        let in_grid = light.on_ground.in_grid(at.truncate());
+        return on_ground(&kind.ground, in_grid);
     }
     let size = UVec3::from(VOLUME_SIZE).as_vec3();
     // Half a probe off the surface: probes behind it are inside objects or on their far side.
@@ -91,7 +92,7 @@ pub fn irradiance(light: &IndirectLight, kind: &Irradiance, p: Vec3, n: Vec3) ->
         .sum()
 }
 
-fn on_ground(grid: &[Vec3], at: Vec3) -> Vec3 {
+fn on_ground(grid: &[Vec3], at: Vec2) -> Vec3 {
     let side = GROUND_SIDE as usize;
     let axis = |x: f32| {
         let x = (x * side as f32 - 0.5).clamp(0.0, (side - 1) as f32);

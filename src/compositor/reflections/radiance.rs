@@ -115,7 +115,8 @@ impl<'a> NearbyLight<'a> {
                 return None;
             }
             let last = GROUND_SIDE as f32 - 1.0;
-            let at = (at * GROUND_SIDE as f32 - 0.5).clamp(Vec2::ZERO, Vec2::splat(last));
+            let at = (light.on_ground.in_grid(at) * GROUND_SIDE as f32 - 0.5)
+                .clamp(Vec2::ZERO, Vec2::splat(last));
             let cell = at.min(Vec2::splat(last - 1.0)).as_uvec2();
             let part = at - cell.as_vec2();
             let share = |x: u32, y: u32| {

@@ -101,7 +101,8 @@ fn ground_share(world: vec3f) -> f32 {
         return 1.0;
     }
     let half = 0.5 / f32(textureDimensions(indirect_ground).y);
-    let uv = vec2f(clamp(at.x, half, 1.0 - half) / 3.0, at.y);
+    let in_grid = ground_uv(at);
+    let uv = vec2f(clamp(in_grid.x, half, 1.0 - half) / 3.0, in_grid.y);
     return textureSampleLevel(indirect_ground, table_sampler, uv, 0.0).a;
 }
 

@@ -25,7 +25,8 @@ impl IndirectLightBlender {
         to: &Arc<IndirectLight>,
         weight: f32,
     ) -> Arc<IndirectLight> {
-        let is_same_region = (from.low, from.high) == (to.low, to.high);
+        let is_same_region =
+            (from.low, from.high, from.on_ground) == (to.low, to.high, to.on_ground);
         let are_solved = from.generation != 0 && to.generation != 0;
         if weight >= 1.0 || from.generation == to.generation || !is_same_region || !are_solved {
             return Arc::clone(to);
@@ -41,7 +42,7 @@ impl IndirectLightBlender {
         self.count += 1;
         // Only this function holds the buffer, so nothing is copied.
         let out = Arc::make_mut(&mut blend);
-        (out.low, out.high) = (to.low, to.high);
+        (out.low, out.high, out.on_ground) = (to.low, to.high, to.on_ground);
         out.generation = BLENDED | self.count;
         blend_irradiance(&from.change, &to.change, weight, &mut out.change);
         blend_irradiance(&from.real, &to.real, weight, &mut out.real);
@@ -90,6 +91,7 @@ fn blend_values(from: &[Vec3], to: &[Vec3], weight: f32, out: &mut Vec<Vec3>) {
 
 #[cfg(test)]
 mod tests {
+    use super::super::ground_map::GroundMap;
     use super::super::surface_grid::SurfaceIrradiance;
     use super::*;
 
@@ -102,6 +104,7 @@ mod tests {
             generation,
             low: Vec3::ZERO,
             high: Vec3::ONE,
+            on_ground: GroundMap::default(),
             change: irradiance.clone(),
             real: irradiance.clone(),
             real_now: irradiance,

@@ -10,13 +10,19 @@ use super::shares::{DistantLight, GroundShares, SideShares};
 use super::surfels::{ReflectingPoint, Surfels};
 use crate::lamps::PlacedLamp;
 use glam::{Vec2, Vec3};
+use penumbra_interface::threads;
 use std::f32::consts::{PI, TAU};
 
 /// Number of rays from each ground texel that gather indirect light.
 const GATHERED: usize = 48;
+/// Texels that a thread looks from at a time.
+const CHUNK: usize = 64;
 /// Texels along a side of the squares on which the light of virtual lights is found once: it only
 /// counts for what the ground reflects.
 const LAMP_SQUARE: u32 = 2;
+/// Texels of the grid along a side of those that are found where something moves, and rays are cast
+/// again every half second.
+const COARSER: u32 = 2;
 
 /// A grid of texels on the ground around the objects.
 pub(super) struct GroundGrid {
@@ -45,28 +51,33 @@ impl GroundGrid {
         surfels: &Surfels,
         directions: &Directions,
         region: &Region,
+        moves: bool,
     ) -> Self {
-        let side = if obstacles.floor.is_some() {
-            GROUND_SIDE
-        } else {
-            0
+        let side = match (&obstacles.floor, moves) {
+            (None, _) => 0,
+            (Some(_), false) => GROUND_SIDE,
+            (Some(_), true) => GROUND_SIDE / COARSER,
         };
-        let size = (region.high - region.low).truncate();
-        let texels: Vec<Texel> = (0..side * side)
-            .map(|i| {
-                let at = (Vec2::new((i % side) as f32, (i / side) as f32) + 0.5) / side as f32;
-                let point = (region.low.truncate() + at * size).extend(region.floor);
-                texel(point, i, obstacles, surfels, directions, region)
+        let places = |side: u32| {
+            (0..side * side).map(move |i| {
+                let at = Vec2::new((i % side) as f32, (i / side) as f32) + 0.5;
+                region.ground_at(at / side as f32)
             })
-            .collect();
-        let squares = side / LAMP_SQUARE;
-        let centres = (0..squares * squares).map(|i| {
-            let at = Vec2::new((i % squares) as f32, (i / squares) as f32) + 0.5;
-            let point = region.low.truncate() + at / squares as f32 * size;
-            (point.extend(region.floor), Vec3::Z)
+        };
+        let points: Vec<Vec3> = places(side).collect();
+        let mut texels: Vec<Option<Texel>> = points.iter().map(|_| None).collect();
+        let rows = points.chunks(CHUNK).zip(texels.chunks_mut(CHUNK));
+        threads::for_each(rows.enumerate().collect(), |(row, (points, texels))| {
+            for (i, (point, found)) in points.iter().zip(texels).enumerate() {
+                let index = (row * CHUNK + i) as u32;
+                *found = Some(texel(*point, index, obstacles, surfels, directions, region));
+            }
         });
+        let texels = texels.into_iter().flatten().collect();
+        let whole = if side > 0 { GROUND_SIDE } else { 0 };
+        let centres = places(side / LAMP_SQUARE).map(|point| (point, Vec3::Z));
         Self {
-            shares: GroundShares(vec![Vec3::ONE; texels.len()]),
+            shares: GroundShares(vec![Vec3::ONE; (whole * whole) as usize]),
             texels,
             lamplight: Lamplight::new(centres, region.offset()),
             side,
@@ -80,7 +91,7 @@ impl GroundGrid {
         let is_lit = open.min_element() > 1e-6;
         let per_irradiance = if is_lit { open.recip() } else { Vec3::ZERO };
         let squares = self.side / LAMP_SQUARE;
-        for (i, (texel, share)) in self.texels.iter().zip(&mut self.shares.0).enumerate() {
+        let found = |(i, texel): (usize, &Texel)| {
             let all = directions
                 .irradiance(Vec3::Z, !texel.behind_real)
                 .element_sum();
@@ -90,8 +101,10 @@ impl GroundGrid {
             let (x, y) = (i as u32 % self.side, i as u32 / self.side);
             let square = y / LAMP_SQUARE * squares + x / LAMP_SQUARE;
             let lamps = self.lamplight.at(square as usize) * per_irradiance;
-            *share = Vec3::splat(left) + lamps;
-        }
+            Vec3::splat(left) + lamps
+        };
+        let found: Vec<Vec3> = self.texels.iter().enumerate().map(found).collect();
+        self.shares.0 = self.expanded(found);
     }
 
     /// Computes the irradiance on every texel.
@@ -117,36 +130,50 @@ impl GroundGrid {
             let each = |texel: &Texel| {
                 texel.phantoms.iter().map(|s| radiance(*s)).sum::<Vec3>() * factor(texel)
             };
-            self.smoothed(&self.texels.iter().map(each).collect::<Vec<_>>())
+            self.smoothed(self.texels.iter().map(each).collect())
         };
-        out.change.ground = self.smoothed(&self.texels.iter().map(change).collect::<Vec<_>>());
+        out.change.ground = self.smoothed(self.texels.iter().map(change).collect());
         out.real.ground = reflected(&before);
         out.real_now.ground = reflected(&now);
     }
 
-    /// Smooths twice with a tent over 3×3 texels: each texel has few rays.
-    fn smoothed(&self, raw: &[Vec3]) -> Vec<Vec3> {
-        let once = |raw: &[Vec3]| -> Vec<Vec3> {
-            let texels = 0..self.side * self.side;
-            texels
-                .map(|i| self.smooth(raw, i % self.side, i / self.side))
-                .collect()
+    /// Values of the whole grid from those that were found.
+    fn expanded(&self, found: Vec<Vec3>) -> Vec<Vec3> {
+        if self.side == 0 || self.side == GROUND_SIDE {
+            return found;
+        }
+        let texels = 0..GROUND_SIDE * GROUND_SIDE;
+        let of = |i: u32| {
+            let (x, y) = (i % GROUND_SIDE / COARSER, i / GROUND_SIDE / COARSER);
+            found[(y * self.side + x) as usize]
         };
-        once(&once(raw))
+        texels.map(of).collect()
     }
 
-    fn smooth(&self, raw: &[Vec3], x: u32, y: u32) -> Vec3 {
-        let (mut sum, mut weight) = (Vec3::ZERO, 0.0);
-        for (dx, dy) in (0..9).map(|k| (k % 3, k / 3)) {
-            let (u, v) = ((x + dx).wrapping_sub(1), (y + dy).wrapping_sub(1));
-            if u < self.side && v < self.side {
-                let w = [1.0, 2.0, 1.0][dx as usize] * [1.0, 2.0, 1.0][dy as usize];
-                sum += raw[(v * self.side + u) as usize] * w;
-                weight += w;
-            }
-        }
-        sum / f32::max(weight, 1.0)
+    /// Smooths twice with a tent over 3×3 texels: each texel has few rays.
+    fn smoothed(&self, found: Vec<Vec3>) -> Vec<Vec3> {
+        let once = |raw: &[Vec3]| -> Vec<Vec3> {
+            let side = raw.len().isqrt() as u32;
+            let texels = 0..side * side;
+            texels
+                .map(|i| smooth(raw, side, i % side, i / side))
+                .collect()
+        };
+        once(&once(&self.expanded(found)))
     }
+}
+
+fn smooth(raw: &[Vec3], side: u32, x: u32, y: u32) -> Vec3 {
+    let (mut sum, mut weight) = (Vec3::ZERO, 0.0);
+    for (dx, dy) in (0..9).map(|k| (k % 3, k / 3)) {
+        let (u, v) = ((x + dx).wrapping_sub(1), (y + dy).wrapping_sub(1));
+        if u < side && v < side {
+            let w = [1.0, 2.0, 1.0][dx as usize] * [1.0, 2.0, 1.0][dy as usize];
+            sum += raw[(v * side + u) as usize] * w;
+            weight += w;
+        }
+    }
+    sum / f32::max(weight, 1.0)
 }
 
 fn texel(

@@ -12,6 +12,7 @@
 mod blend;
 mod directions;
 mod ground;
+mod ground_map;
 mod lamplight;
 mod obstacles;
 mod receivers;
@@ -28,6 +29,7 @@ mod volume;
 
 pub use blend::IndirectLightBlender;
 pub use directions::{AXES, side_of};
+pub use ground_map::GroundMap;
 pub use obstacles::solid_phantoms;
 pub use result::{
     GROUND_SIDE, IndirectLight, Irradiance, NearbyRadiance, PhantomRadiance, VOLUME_SIZE,
@@ -83,7 +85,7 @@ impl IndirectLightSolver {
         let moves = !scene.motions.parts.is_empty();
         let surfels = Surfels::new(casters, &obstacles, &directions, &region, moves);
         let sides = Sides::new(&phantoms, lit, &surfels, &obstacles, &directions, &region);
-        let ground = GroundGrid::new(&obstacles, &surfels, &directions, &region);
+        let ground = GroundGrid::new(&obstacles, &surfels, &directions, &region, moves);
         let volume = Volume::new(&obstacles, &surfels, &directions, &region);
         // Where something moves, a new solver is made every half second, and frames wait for it: too
         // often for the light between virtual surfaces.
@@ -92,6 +94,7 @@ impl IndirectLightSolver {
         let mut light = IndirectLight {
             low: region.low,
             high: region.high,
+            on_ground: region.on_ground,
             ..IndirectLight::default()
         };
         if !moves {

@@ -1,7 +1,8 @@
 //! The region around the virtual objects.
 
+use super::ground_map::GroundMap;
 use crate::mesh::{Part, Vertex};
-use glam::{DVec3, Vec3};
+use glam::{DVec3, Vec2, Vec3};
 
 /// Bounding box of a part; world, metres.
 fn bounds(part: &Part) -> [Vec3; 2] {
@@ -23,7 +24,12 @@ pub(super) struct Region {
     pub high: Vec3,
     /// Height of the ground.
     pub floor: f32,
+    /// Where places on the ground lie in its grid.
+    pub on_ground: GroundMap,
 }
+
+/// How far the finer part of the ground reaches beyond the objects, as a share of the region's reach.
+const CONTACT: f32 = 0.15;
 
 impl Region {
     /// Extends the objects' bounding box to every side by the larger of their width and 1.5 times
@@ -50,11 +56,25 @@ impl Region {
         let [low, high] = near.fold(objects, union);
         let floor = floor_below(low);
         let usable = reach.is_finite() && reach > 0.0;
-        usable.then(|| Self {
-            low: Vec3::new(low.x - reach, low.y - reach, floor),
-            high: Vec3::new(high.x + reach, high.y + reach, high.z + 0.3 * reach),
-            floor,
+        usable.then(|| {
+            let low = Vec3::new(low.x - reach, low.y - reach, floor);
+            let high = Vec3::new(high.x + reach, high.y + reach, high.z + 0.3 * reach);
+            let share = |p: Vec3| (p - low).truncate() / (high - low).truncate();
+            let near = CONTACT * reach;
+            Self {
+                low,
+                high,
+                floor,
+                on_ground: GroundMap::new(share(objects[0] - near), share(objects[1] + near)),
+            }
         })
+    }
+
+    /// The point of the ground at a place in its grid, 0 to 1.
+    pub fn ground_at(&self, at: Vec2) -> Vec3 {
+        let size = (self.high - self.low).truncate();
+        let flat = self.low.truncate() + self.on_ground.in_region(at) * size;
+        flat.extend(self.floor)
     }
 
     /// Distance of a ray's origin from its surface, metres.

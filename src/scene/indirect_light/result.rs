@@ -1,12 +1,13 @@
 //! Indirect light around the virtual objects, as the solver returns it.
 
+use super::ground_map::GroundMap;
 use super::surface_grid::SurfaceIrradiance;
 use super::surfel_index::SurfelIndex;
 use glam::Vec3;
 use std::sync::Arc;
 
 /// Number of texels along a side of the ground grid.
-pub const GROUND_SIDE: u32 = 64;
+pub const GROUND_SIDE: u32 = 96;
 /// Number of probes of the volume along x, y, z.
 pub const VOLUME_SIZE: [u32; 3] = [12, 12, 8];
 
@@ -19,6 +20,8 @@ pub struct IndirectLight {
     pub low: Vec3,
     /// Upper corner of the region, world, metres.
     pub high: Vec3,
+    /// Where places on the ground lie in its grid.
+    pub on_ground: GroundMap,
     /// Change of irradiance by the virtual objects.
     pub change: Irradiance,
     /// Irradiance by light that phantoms reflect, without virtual objects.

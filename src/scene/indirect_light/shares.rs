@@ -3,7 +3,7 @@
 
 use super::region::Region;
 use super::result::{GROUND_SIDE, PhantomRadiance};
-use glam::Vec3;
+use glam::{UVec2, Vec3};
 use penumbra_lighting::compact_source_specular::CompleteMap;
 
 /// Light from the environment and from real surfaces, without virtual objects.
@@ -44,7 +44,8 @@ pub(super) fn ground_texel(region: &Region, p: Vec3) -> u32 {
     if at.min_element() < 0.0 || at.max_element() >= 1.0 {
         return u32::MAX;
     }
-    let cell = (at * GROUND_SIDE as f32).as_uvec2();
+    let at = region.on_ground.in_grid(at) * GROUND_SIDE as f32;
+    let cell = at.as_uvec2().min(UVec2::splat(GROUND_SIDE - 1));
     cell.y * GROUND_SIDE + cell.x
 }
 

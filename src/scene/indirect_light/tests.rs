@@ -105,6 +105,44 @@ fn parallel_squares_exchange_their_form_factor() {
     assert!((mean / expected - 1.0).abs() < 0.03, "{mean} {expected}");
 }
 
+#[test]
+fn ground_resolves_the_light_below_the_edge_of_an_object() {
+    let height = 0.012_f32;
+    let plate = DMat4::from_translation(glam::DVec3::Z * f64::from(height))
+        * DMat4::from_rotation_x(std::f64::consts::PI);
+    let scene = Scene {
+        virtual_parts: vec![part_of(primitives::plane(0.2, 0.2), 0.0, 1.0, plate)],
+        ground_height: Some(0.0),
+        ..Scene::default()
+    };
+    let mut solver = IndirectLightSolver::new(&scene, &scene.virtual_parts).unwrap();
+    solver.update(&lighting(1), &[], &[]);
+    let light = solver.light();
+    let size = (light.high - light.low).truncate();
+    // The mean over a tenth of the edge: a texel has few rays.
+    let mean = |beside: f32| {
+        let along = (0..20).map(|k| 0.001 * k as f32 - 0.01);
+        let at = along.map(|y| (glam::Vec2::new(0.1 + beside, y) - light.low.truncate()) / size);
+        let values = at.map(|at| {
+            let at = light.on_ground.in_grid(at) * GROUND_SIDE as f32 - 0.5;
+            let row = at.y.round() as usize * GROUND_SIDE as usize + at.x as usize;
+            let two = [row, row + 1].map(|i| light.change.ground[i].x);
+            two[0] + (two[1] - two[0]) * at.x.fract()
+        });
+        values.sum::<f32>() / 20.0
+    };
+    for beside in [-0.03_f32, -0.01, 0.0, 0.01, 0.03] {
+        // A plate that is large beside its height.
+        let sine = beside / beside.hypot(height);
+        let expected = 0.5 * std::f32::consts::PI * (1.0 - sine);
+        let found = mean(beside);
+        assert!(
+            (found - expected).abs() < 0.2,
+            "{beside}: {found} {expected}"
+        );
+    }
+}
+
 /// Irradiance at `p` on a surface that faces −X, by the ground under `lamp`, which reflects
 /// `albedo`: the integral over the solver's region.
 fn from_lit_ground(p: Vec3, lamp: &PlacedLamp, albedo: f32, [low, high]: [Vec3; 2]) -> f32 {

@@ -37,6 +37,9 @@ struct Frame {
     // Region around the virtual objects, world; w of the first = 1 if it has indirect light.
     indirect_low: vec4f,
     indirect_high: vec4f,
+    // The part of it about the objects, where the ground's grid is finer: lower and upper corner, as
+    // shares of its size.
+    indirect_objects: vec4f,
     // Bounds of the grid with the irradiance on virtual surfaces, world; w of the first = 1 if there
     // is one.
     on_virtual_low: vec4f,
@@ -220,4 +223,16 @@ fn sky_irradiance(n: vec3f) -> vec3f {
     let e = h[0] + h[1] * n.y + h[2] * n.z + h[3] * n.x + h[4] * n.x * n.y + h[5] * n.y * n.z
         + h[6] * (3.0 * n.z * n.z - 1.0) + h[7] * n.x * n.z + h[8] * (n.x * n.x - n.y * n.y);
     return max(e.rgb, vec3f(0.0));
+}
+
+// Share of the ground's grid on either side of the part about the objects.
+const GROUND_AROUND = 1.0 / 6.0;
+
+// The place in the ground's grid at a share of the region's size. Twin of `GroundMap`.
+fn ground_uv(at: vec2f) -> vec2f {
+    let low = frame.indirect_objects.xy;
+    let high = frame.indirect_objects.zw;
+    let around = min(at, low) / low + max(at - high, vec2f(0.0)) / (1.0 - high);
+    let inside = clamp((at - low) / (high - low), vec2f(0.0), vec2f(1.0));
+    return GROUND_AROUND * around + (1.0 - 2.0 * GROUND_AROUND) * inside;
 }

@@ -26,7 +26,8 @@ fn indirect_irradiance(kind: f32, world: vec3f, n: vec3f) -> vec3f {
     }
     if n.z > 0.99 && at.z < 0.02 {
         let half = 0.5 / f32(textureDimensions(indirect_ground).y);
-        let uv = vec2f((clamp(at.x, half, 1.0 - half) + kind) / 3.0, at.y);
+        let in_grid = ground_uv(at.xy);
+        let uv = vec2f((clamp(in_grid.x, half, 1.0 - half) + kind) / 3.0, in_grid.y);
         return textureSampleLevel(indirect_ground, table_sampler, uv, 0.0).rgb;
     }
     let face = 6.0 * kind + select(vec3f(0.0, 2.0, 4.0), vec3f(1.0, 3.0, 5.0), n < vec3f(0.0));
