@@ -37,20 +37,20 @@ DEMO_PAGE := http://127.0.0.1:8780
 OPEN_PAGE := if [ -n "$(DISPLAY)$(WAYLAND_DISPLAY)" ] && command -v xdg-open >/dev/null; then \
   (for _ in $$(seq 60); do curl -sf $(DEMO_PAGE)/healthz >/dev/null && { xdg-open $(DEMO_PAGE) >/dev/null 2>&1; break; }; sleep 1; done) & fi
 
-.PHONY: announce help demo demo-table demo-temple demo-lamp demo-webcam build test check docs docs-write unit advisories bench bench-table bench-compare gpu-check fidelity near-lamps calibration faults soak fuzz fmt packages-demo packages-test toolchain clean install uninstall deb tarball deb-proof test-devices
+.PHONY: announce help demo demo-desk demo-temple demo-lamp demo-webcam build test check docs docs-write unit advisories bench bench-table bench-compare gpu-check fidelity near-lamps calibration faults soak fuzz fmt packages-demo packages-test toolchain clean install uninstall deb tarball deb-proof test-devices
 
 help: ## This list
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/' | expand -t 14
 
-demo: announce packages-demo build ## Install missing packages, build, replay a session, open its page or print the address
-	@echo "The teapot is virtual. $(ON_PAGE)"
-	@$(OPEN_PAGE)
-	@$(UNPACKED) exec $(PENUMBRA) replay $(SESSION) --config config/demo.toml --loop $(WINDOW) $(ARGS)
-
-demo-table: announce packages-demo build ## A tea table under a carried lamp, at 1280×720 pixels
+demo: announce packages-demo build ## Install missing packages, build, replay a tea table under a carried lamp, open its page or print the address
 	@echo "Mirrored ball, gold ring, green knot and clay head are virtual. $(ON_PAGE)"
 	@$(OPEN_PAGE)
-	@$(UNPACKED) exec $(PENUMBRA) replay $(TABLE_SESSION) --config config/demo-table.toml --loop $(WINDOW) $(ARGS)
+	@$(UNPACKED) exec $(PENUMBRA) replay $(TABLE_SESSION) --config config/demo.toml --loop $(WINDOW) $(ARGS)
+
+demo-desk: announce packages-demo build ## A teapot on a desk at 640×480 pixels, the fastest one
+	@echo "The teapot is virtual. $(ON_PAGE)"
+	@$(OPEN_PAGE)
+	@$(UNPACKED) exec $(PENUMBRA) replay $(SESSION) --config config/demo-desk.toml --loop $(WINDOW) $(ARGS)
 
 demo-temple: announce packages-demo build ## The same outdoors: a temple gate, baked shadowing planes, changing daylight
 	@echo "The gate is virtual; the afternoon passes in six seconds. $(ON_PAGE)"

@@ -52,6 +52,7 @@ fn package_has_program_service_documentation_sessions_and_licences() {
         "./usr/share/doc/penumbra/sbom.cdx.json",
         "./usr/share/doc/penumbra/book/install.md",
         "./usr/share/penumbra/sessions/desk.mcap",
+        "./usr/share/penumbra/sessions/tea-table.mcap",
         "./usr/share/penumbra/config/demo.toml",
     ] {
         let is_file = |line: &str| line.ends_with(&format!(" {file}"));

@@ -137,7 +137,7 @@ fn reads_the_bundled_configurations() {
         "demo.toml",
         "demo-temple.toml",
         "demo-lamp.toml",
-        "demo-table.toml",
+        "demo-desk.toml",
     ] {
         check_config(&shipped(name)).unwrap();
     }
