@@ -17,6 +17,10 @@ const MAX_ENVIRONMENT_PICTURES: usize = 24;
 /// Maximum number of queued tracker readings: half a minute of the fastest tracker.
 const MAX_TRACKER_READINGS: usize = 4096;
 
+/// Maximum number of superseded pictures of which the arrival is kept: two minutes of a consumer that
+/// takes nothing.
+const MAX_SUPERSEDED: usize = 4096;
+
 /// Numbers of deliveries dropped from the full queue.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct HubCounts {
@@ -67,6 +71,7 @@ struct Waiting {
     scene: usize,
     environment: usize,
     tracker: usize,
+    superseded: usize,
 }
 
 impl Waiting {
@@ -225,6 +230,10 @@ impl State {
                 if let Some(Delivery::Event(event)) = self.queue.get(oldest) {
                     let arrived_at = event.arrived_at();
                     self.queue[oldest] = Delivery::Superseded { arrived_at };
+                    self.waiting.superseded += 1;
+                }
+                if self.waiting.superseded > MAX_SUPERSEDED {
+                    self.drop_oldest_superseded();
                 }
                 return;
             }
@@ -234,12 +243,25 @@ impl State {
         self.queue.remove(oldest);
     }
 
+    fn drop_oldest_superseded(&mut self) {
+        let is_superseded = |delivery: &Delivery| matches!(delivery, Delivery::Superseded { .. });
+        if let Some(oldest) = self.queue.iter().position(is_superseded) {
+            self.queue.remove(oldest);
+            self.waiting.superseded -= 1;
+        }
+    }
+
     fn pop(&mut self) -> Option<Delivery> {
         let delivery = self.queue.pop_front()?;
-        if let Delivery::Event(event) = &delivery
-            && let Some((waiting, _)) = self.waiting.of(event)
-        {
-            *waiting = waiting.saturating_sub(1);
+        match &delivery {
+            Delivery::Event(event) => {
+                if let Some((waiting, _)) = self.waiting.of(event) {
+                    *waiting = waiting.saturating_sub(1);
+                }
+            }
+            Delivery::Superseded { .. } => {
+                self.waiting.superseded = self.waiting.superseded.saturating_sub(1);
+            }
         }
         Some(delivery)
     }

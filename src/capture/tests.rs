@@ -361,6 +361,20 @@ fn supersedes_old_pictures_and_keeps_tracker_readings() {
 }
 
 #[test]
+fn queue_stays_bounded_while_nothing_is_taken() {
+    let hub = Hub::new(Arc::new(SystemClock), true);
+    (0..10_000).for_each(|millis| hub.deliver(SessionEvent::Scene(frame(millis))));
+    let kept = waiting(&hub);
+    assert_eq!(kept.len(), 4096 + 4);
+    assert_eq!(kept.first().unwrap(), "superseded 5900");
+    assert_eq!(kept.last().unwrap(), "scene 9999");
+    assert_eq!(hub.counts().scene_superseded, 9996);
+    // Taken entries no longer count.
+    (0..6).for_each(|millis| hub.deliver(SessionEvent::Scene(frame(millis))));
+    assert_eq!(waiting(&hub).len(), 6);
+}
+
+#[test]
 fn wait_ends_with_a_tick_at_the_deadline_or_idle_at_the_timeout() {
     let hub = Hub::new(Arc::new(SystemClock), true);
     let timeout = Duration::from_millis(20);

@@ -7,6 +7,11 @@ use glam::{DMat4, DVec2, DVec3};
 /// Eight corners of a box, world.
 pub type Corners = [DVec3; 8];
 
+/// A tile that virtual objects may cover.
+const COVERED: u8 = 1;
+/// A tile that only a real mirror covers, which may show some.
+pub const MIRROR: u8 = 2;
+
 /// Boxes around the virtual parts, and the tiles that they cover in this frame.
 #[derive(Debug, Default)]
 pub struct Cover {
@@ -63,13 +68,14 @@ impl Cover {
     }
 
     /// Finds the covered tiles of a picture of `size` pixels; the boxes `more` are for this frame
-    /// only.
+    /// only, `mirrors` those of real mirrors.
     pub fn update(
         &mut self,
         clip_from_world: DMat4,
         (width, height): (u32, u32),
         visible: bool,
         more: impl Iterator<Item = Corners>,
+        mirrors: impl Iterator<Item = Corners>,
     ) {
         let (across, down) = (width.div_ceil(TILE), height.div_ceil(TILE));
         (self.across, self.down) = (across, down);
@@ -77,14 +83,27 @@ impl Cover {
         self.tiles.resize((across * down) as usize, 0);
         if visible {
             let size = DVec2::new(f64::from(width), f64::from(height));
-            for corners in self.boxes.iter().flatten().copied().chain(more) {
-                match outline(&corners, clip_from_world, size) {
-                    Some(outline) => mark(&mut self.tiles, (across, down), &outline, self.margin),
-                    None => self.tiles.fill(1),
-                }
+            let boxes = self.boxes.iter().flatten().copied().chain(more);
+            let boxes = boxes.map(|corners| (corners, COVERED));
+            for (corners, kind) in boxes.chain(mirrors.map(|corners| (corners, MIRROR))) {
+                let tiles = Tiles {
+                    kinds: &mut self.tiles,
+                    size: (across, down),
+                };
+                tiles.mark(outline(&corners, clip_from_world, size), self.margin, kind);
             }
         }
         self.bounds = bounds(&self.tiles, across);
+    }
+
+    /// Leaves those tiles of real mirrors out of which `shows` says that they show nothing virtual.
+    pub fn keep_mirrors(&mut self, shows: impl Fn(usize) -> bool) {
+        for (i, tile) in self.tiles.iter_mut().enumerate() {
+            if *tile == MIRROR && !shows(i) {
+                *tile = 0;
+            }
+        }
+        self.bounds = bounds(&self.tiles, self.across);
     }
 
     /// One byte per tile, row by row; 0 if it is not covered.
@@ -141,9 +160,32 @@ fn outline(corners: &Corners, clip_from_world: DMat4, size: DVec2) -> Option<[DV
     Some(pixels)
 }
 
-/// Marks the tiles that the convex hull of `outline` touches: those that no line through two of
-/// its points separates from it.
-fn mark(tiles: &mut [u8], (across, down): (u32, u32), outline: &[DVec2; 8], margin: f64) {
+/// The kinds of tiles, row by row, and their number across and down.
+struct Tiles<'a> {
+    kinds: &'a mut [u8],
+    size: (u32, u32),
+}
+
+impl Tiles<'_> {
+    /// Marks those that the convex hull of `outline` touches, all without one. No kind replaces another.
+    fn mark(self, outline: Option<[DVec2; 8]>, margin: f64, kind: u8) {
+        let Self { kinds, size } = self;
+        let mark = |tile: &mut u8| *tile = if *tile == 0 { kind } else { *tile };
+        match outline {
+            Some(outline) => touched(size, &outline, margin, |tile| mark(&mut kinds[tile])),
+            None => kinds.iter_mut().for_each(mark),
+        }
+    }
+}
+
+/// Calls `mark` for the tiles that the convex hull of `outline` touches: those that no line through
+/// two of its points separates from it.
+fn touched(
+    (across, down): (u32, u32),
+    outline: &[DVec2; 8],
+    margin: f64,
+    mut mark: impl FnMut(usize),
+) {
     let side = f64::from(TILE);
     let low = outline
         .iter()
@@ -171,7 +213,7 @@ fn mark(tiles: &mut [u8], (across, down): (u32, u32), outline: &[DVec2; 8], marg
                 normal.dot(centre) - offset > reach
             });
             if !apart {
-                tiles[(y * across + x) as usize] = 1;
+                mark((y * across + x) as usize);
             }
         }
     }
@@ -223,12 +265,40 @@ mod tests {
     fn box_covers_the_tiles_of_its_projection() {
         let mut cover = Cover::default();
         cover.set_boxes(vec![cube(DVec3::new(0.0, 0.0, 2.0), 0.1)]);
-        cover.update(clip(), (20 * TILE, 20 * TILE), true, std::iter::empty());
+        cover.update(
+            clip(),
+            (20 * TILE, 20 * TILE),
+            true,
+            std::iter::empty(),
+            std::iter::empty(),
+        );
         // 0.1 m at 1.95 m is half a tile each way about the centre: tiles 9 and 10.
         assert_eq!(cover.rectangle(), [9, 9, 2, 2]);
         assert_eq!(cover.tiles().iter().filter(|t| **t != 0).count(), 4);
-        cover.update(clip(), (20 * TILE, 20 * TILE), false, std::iter::empty());
+        cover.update(
+            clip(),
+            (20 * TILE, 20 * TILE),
+            false,
+            std::iter::empty(),
+            std::iter::empty(),
+        );
         assert_eq!(cover.rectangle()[2], 0);
+    }
+
+    #[test]
+    fn mirrors_cover_tiles_only_where_they_show_something() {
+        let mut cover = Cover::default();
+        cover.set_boxes(vec![cube(DVec3::new(0.0, 0.0, 2.0), 0.1)]);
+        let size = (20 * TILE, 20 * TILE);
+        let mirror = cube(DVec3::new(0.4, 0.0, 2.0), 0.1).into_iter();
+        cover.update(clip(), size, true, std::iter::empty(), mirror);
+        assert!(cover.rectangle()[2] > 2);
+        cover.keep_mirrors(|_| false);
+        assert_eq!(cover.rectangle(), [9, 9, 2, 2]);
+        let same = cube(DVec3::new(0.0, 0.0, 2.0), 0.1).into_iter();
+        cover.update(clip(), size, true, std::iter::empty(), same);
+        cover.keep_mirrors(|_| false);
+        assert_eq!(cover.rectangle(), [9, 9, 2, 2]);
     }
 
     #[test]
@@ -236,7 +306,13 @@ mod tests {
         let mut cover = Cover::default();
         let mut show = |at: f64, size: u32, is_drawn: bool| {
             cover.set_boxes(vec![cube(DVec3::new(at, 0.0, 2.0), 0.1)]);
-            cover.update(clip(), (size, size), true, std::iter::empty());
+            cover.update(
+                clip(),
+                (size, size),
+                true,
+                std::iter::empty(),
+                std::iter::empty(),
+            );
             let cleared = cover.rectangle_to_clear();
             if is_drawn {
                 cover.set_drawn();
@@ -260,9 +336,21 @@ mod tests {
     fn nothing_is_cleared_beyond_a_smaller_picture_without_objects() {
         let mut cover = Cover::default();
         cover.set_boxes(vec![cube(DVec3::new(0.0, 0.0, 2.0), 0.1)]);
-        cover.update(clip(), (20 * TILE, 20 * TILE), true, std::iter::empty());
+        cover.update(
+            clip(),
+            (20 * TILE, 20 * TILE),
+            true,
+            std::iter::empty(),
+            std::iter::empty(),
+        );
         cover.set_drawn();
-        cover.update(clip(), (5, 5), false, std::iter::empty());
+        cover.update(
+            clip(),
+            (5, 5),
+            false,
+            std::iter::empty(),
+            std::iter::empty(),
+        );
         assert_eq!(cover.rectangle_to_clear(), [0; 4]);
     }
 
@@ -273,11 +361,23 @@ mod tests {
             * DMat4::from_rotation_z(std::f64::consts::FRAC_PI_4);
         let ends = [DVec3::new(-1.0, -0.01, 0.0), DVec3::new(1.0, 0.01, 0.0)];
         cover.set_boxes(vec![corners(ends.into_iter(), turn)]);
-        cover.update(clip(), (20 * TILE, 20 * TILE), true, std::iter::empty());
+        cover.update(
+            clip(),
+            (20 * TILE, 20 * TILE),
+            true,
+            std::iter::empty(),
+            std::iter::empty(),
+        );
         let covered = cover.tiles().iter().filter(|t| **t != 0).count();
         assert!((10..60).contains(&covered), "{covered}");
         cover.set_boxes(vec![cube(DVec3::ZERO, 1.0)]);
-        cover.update(clip(), (20 * TILE, 20 * TILE), true, std::iter::empty());
+        cover.update(
+            clip(),
+            (20 * TILE, 20 * TILE),
+            true,
+            std::iter::empty(),
+            std::iter::empty(),
+        );
         assert_eq!(cover.rectangle(), [0, 0, 20, 20]);
     }
 }

@@ -78,16 +78,22 @@ impl Compositor {
         self.fit_pictures(view.size)?;
         self.upload_radiance(input);
         self.upload_picture(input);
-        let plan = self.upload_frame(input, &view)?;
+        let mut plan = self.upload_frame(input, &view)?;
         self.publish_variant();
         let tiles = ReflectionTiles {
             covered: self.cover.tiles(),
             across: view.size.0.div_ceil(TILE),
-            rectangle: plan.covered,
+            rectangle: self.cover.rectangle(),
         };
         let (queue, response) = (&self.gpu.queue, &self.response);
         self.reflections
             .update(queue, (input, &view), response, tiles);
+        self.cover.keep_mirrors(|tile| self.reflections.shows(tile));
+        if let Some(pictures) = &self.pictures {
+            pictures.covered_tiles.upload(queue, self.cover.tiles(), 1);
+        }
+        plan.covered = self.cover.rectangle();
+        plan.cleared = self.cover.rectangle_to_clear();
         Ok(plan)
     }
 
@@ -226,7 +232,7 @@ impl Compositor {
         let augmented = input.show_virtual && something;
         let has_virtual =
             augmented && input.lighting.is_some() && input.world_from_camera.is_some();
-        let mut plan = FramePlan::of(input, has_virtual);
+        let plan = FramePlan::of(input, has_virtual);
         let lights = match input.lighting {
             Some(lighting) if has_virtual => lighting.lights.as_slice(),
             _ => &[],
@@ -261,8 +267,7 @@ impl Compositor {
         });
         let lamps = if has_virtual { input.lamps } else { &[] };
         self.scene.emitters.place(&self.gpu.queue, lamps);
-        plan.covered = self.upload_cover(input, view, augmented && input.lighting.is_some());
-        plan.cleared = self.cover.rectangle_to_clear();
+        self.find_cover(input, view, augmented && input.lighting.is_some());
         let stage = self.planes.as_mut().filter(|_| by_planes);
         let cache = (&self.gpu.queue, self.surface_light.as_ref());
         let lights = stage.map_or(lights, |s| s.shade(input, &mut uniform, lights, cache));
@@ -427,30 +432,25 @@ impl Compositor {
         )
     }
 
-    /// Uploads the tiles that virtual objects may cover, and chooses levels of detail. Returns the
-    /// rectangle of covered tiles.
-    fn upload_cover(
-        &mut self,
-        input: &FrameInput<'_>,
-        view: &FrameView,
-        visible: bool,
-    ) -> [u32; 4] {
+    /// Finds the tiles that virtual objects may cover, and chooses levels of detail.
+    fn find_cover(&mut self, input: &FrameInput<'_>, view: &FrameView, visible: bool) {
         let pose = input.world_from_camera.filter(|_| visible);
         let camera_from_world = pose.map_or(DMat4::IDENTITY, |p| p.inverse().to_matrix());
         let clip_from_world = view.clip_from_world(camera_from_world);
-        let more = (self.scene.emitters.boxes()).chain(self.reflections.mirrors());
+        let emitters = self.scene.emitters.boxes();
+        let mirrors = self.reflections.mirrors();
         self.cover.set_margin(rolling_shutter_margin(input, view));
-        self.cover
-            .update(clip_from_world, view.size, pose.is_some(), more);
+        self.cover.update(
+            clip_from_world,
+            view.size,
+            pose.is_some(),
+            emitters,
+            mirrors,
+        );
         let focal = view.camera.focal.max_element();
         for part in &mut self.scene.virtual_parts {
             part.details.choose(clip_from_world, focal);
         }
-        if let Some(pictures) = &self.pictures {
-            let tiles = self.cover.tiles();
-            pictures.covered_tiles.upload(&self.gpu.queue, tiles, 1);
-        }
-        self.cover.rectangle()
     }
 
     /// Uploads the virtual lights and lists their shadow maps that are out of date.

@@ -122,6 +122,7 @@ pub(super) struct WhiteBalance {
     pub method: Option<WhiteBalanceMethod>,
     pub gains: Option<[f64; 3]>,
     pub matrix: Option<bool>,
+    pub same_camera: Option<bool>,
 }
 
 #[derive(Debug, Default, Deserialize)]

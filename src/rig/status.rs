@@ -349,6 +349,7 @@ const fn method(provenance: Provenance) -> WhiteBalanceMethod {
         Provenance::Overlap => WhiteBalanceMethod::Automatic,
         Provenance::Reflectance => WhiteBalanceMethod::KnownSurface,
         Provenance::SameCamera => WhiteBalanceMethod::SameCamera,
+        Provenance::SameModel => WhiteBalanceMethod::SameModel,
         Provenance::Fixed => WhiteBalanceMethod::Configured,
         Provenance::GreyWorld => WhiteBalanceMethod::GreyWorld,
         Provenance::Unknown => WhiteBalanceMethod::None,

@@ -14,6 +14,14 @@ pub const STATUS_FIELDS: &[(&str, &str)] = &[
     ("program.version", "Its version."),
     ("program.uptime_seconds", "Time since the start, s."),
     (
+        "program.memory.resident_bytes",
+        "Memory that is resident, bytes; null where the system does not tell.",
+    ),
+    (
+        "program.memory.limit_bytes",
+        "What the service or container may use, else all memory of the machine, bytes; null likewise.",
+    ),
+    (
         "session.name",
         "File name of the recording, or name of the rig.",
     ),
@@ -245,7 +253,7 @@ pub const STATUS_FIELDS: &[(&str, &str)] = &[
     ),
     (
         "white_balance.method",
-        "Active method: `chart`, `automatic`, `known-surface`, `grey-world`, `same-camera`, `configured` or `none`.",
+        "Active method: `chart`, `automatic`, `known-surface`, `grey-world`, `same-camera`, `same-model`, `configured` or `none`.",
     ),
     (
         "white_balance.gains[]",

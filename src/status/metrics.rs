@@ -53,6 +53,23 @@ fn program(page: &mut Page, s: &Snapshot) {
         "Time since the start.",
         s.program.uptime_seconds,
     );
+    let memory = [
+        (
+            "penumbra_resident_memory_bytes",
+            "Memory that is resident.",
+            s.program.memory.resident_bytes,
+        ),
+        (
+            "penumbra_memory_limit_bytes",
+            "Memory that the service, the container or the machine has.",
+            s.program.memory.limit_bytes,
+        ),
+    ];
+    for (name, help, value) in memory {
+        if let Some(value) = value {
+            page.one(name, "gauge", help, value);
+        }
+    }
     page.one(
         "penumbra_healthy",
         "gauge",

@@ -3,6 +3,7 @@
 use super::calibration::CalibrationControl;
 use super::guide::GuideStatus;
 use super::log::{Level, Log, LogEntry};
+use super::memory::Memory;
 use super::objects::{ObjectAnswer, ObjectControl, ObjectRefusal, ObjectRequest};
 use super::playback::{Playback, PlaybackChange, PlaybackRefusal, PlaybackStatus};
 use super::recording::{Recording, RecordingControl, RecordingRefusal, RecordingRequest};
@@ -124,6 +125,10 @@ impl SharedStatus {
             (snapshot, state.last_composed_at)
         };
         snapshot.program.uptime_seconds = now.seconds_since(self.started);
+        snapshot.program.memory = Memory::now();
+        if let Some(warning) = snapshot.program.memory.warning() {
+            snapshot.warn(warning);
+        }
         snapshot.frames.last_age_ms = last.map(|at| now.seconds_since(at) * 1e3);
         let viewers = [&self.composite, &self.pair].map(|outlet| *outlet.watchers.borrow());
         snapshot.stream.viewers = viewers.iter().sum();

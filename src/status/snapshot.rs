@@ -4,6 +4,7 @@
 //! compares the two. Numbers that are not finite appear as `null`.
 
 use super::guide::GuideStatus;
+use super::memory::Memory;
 use super::objects::ObjectsStatus;
 use super::planes::PlanesStatus;
 use super::playback::PlaybackStatus;
@@ -155,6 +156,8 @@ pub struct Program {
     pub version: &'static str,
     /// Time since the start, seconds; filled in when the snapshot is read.
     pub uptime_seconds: f64,
+    /// Memory; filled in likewise.
+    pub memory: Memory,
 }
 
 impl Default for Program {
@@ -163,6 +166,7 @@ impl Default for Program {
             name: env!("CARGO_PKG_NAME"),
             version: env!("CARGO_PKG_VERSION"),
             uptime_seconds: 0.0,
+            memory: Memory::default(),
         }
     }
 }
@@ -336,6 +340,8 @@ pub enum WhiteBalanceMethod {
     GreyWorld,
     /// The scene camera sees the environment itself: nothing to match.
     SameCamera,
+    /// Both cameras are of one model, as the configuration states.
+    SameModel,
     /// Configured gains.
     Configured,
     /// No correction.

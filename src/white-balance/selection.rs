@@ -16,12 +16,18 @@ pub struct WhiteBalanceMatch {
     same_camera: bool,
     exposures: ExposureRatio,
     calibrated: Option<CalibratedGains>,
+    same_model: bool,
     chart: Option<Result<ChartMatch, ChartError>>,
     overlap: GainTracker,
     reflectance: Option<GainEstimate>,
     grey_world: Option<GainEstimate>,
 }
 
+/// Standard error of the gains of two cameras of one model, relative: of the colour filters and sensors
+/// of one production line.
+const SAME_MODEL_SD: f64 = 0.03;
+/// An exposure at which both cameras of one model are equally bright, seconds; any will do.
+const REFERENCE_SECONDS: f64 = 0.01;
 /// Weight of a new reflectance or grey-world estimate in the moving average.
 const REFLECTANCE_WEIGHT: f64 = 0.2;
 
@@ -35,6 +41,7 @@ impl WhiteBalanceMatch {
             same_camera,
             exposures: ExposureRatio::default(),
             calibrated: None,
+            same_model: false,
             chart: None,
             overlap: GainTracker::new(SmoothingOptions::default()),
             reflectance: None,
@@ -60,13 +67,32 @@ impl WhiteBalanceMatch {
         self.calibrated = Some(gains);
     }
 
+    /// States that both cameras are of one model with the same settings, so that their gains are the
+    /// ratio of their exposures. Calibrated gains and those of a chart replace it.
+    pub fn set_same_model(&mut self) {
+        self.same_model = true;
+        self.exposures = ExposureRatio::at(REFERENCE_SECONDS, REFERENCE_SECONDS);
+    }
+
+    /// Gains of 1 at equal exposures.
+    fn of_same_model(&self) -> Option<GainEstimate> {
+        let estimate = GainEstimate {
+            gains: DVec3::ONE,
+            relative_sd: DVec3::splat(SAME_MODEL_SD),
+        };
+        self.same_model.then(|| self.followed(estimate))
+    }
+
     /// Calibrated gains, updated by the overlap.
     fn calibrated_now(&self) -> Option<GainEstimate> {
-        let estimate = self.calibrated?.estimate;
-        Some(match self.overlap.estimate() {
+        self.calibrated.map(|found| self.followed(found.estimate))
+    }
+
+    fn followed(&self, estimate: GainEstimate) -> GainEstimate {
+        match self.overlap.estimate() {
             Some(live) => estimate.followed_by(&live),
             None => estimate,
-        })
+        }
     }
 
     /// Sets the exposures that the cameras report for the current frames.
@@ -193,6 +219,7 @@ impl WhiteBalanceMatch {
             (Provenance::Fixed, fixed.map(exact)),
             (Provenance::Calibrated, self.calibrated_now()),
             (Provenance::Chart, self.chart_match().map(|c| c.estimate)),
+            (Provenance::SameModel, self.of_same_model()),
             (Provenance::Overlap, self.overlap.estimate()),
             (Provenance::Reflectance, self.reflectance),
             (Provenance::GreyWorld, self.grey_world),
@@ -241,8 +268,8 @@ impl WhiteBalanceMatch {
             return Some(error.to_string());
         }
         matches!(in_force, Provenance::GreyWorld | Provenance::Unknown).then(|| {
-            "the cameras' white balance is unknown: photograph a colour chart with both, or \
-             set a phantom's albedo"
+            "the cameras' white balance is unknown: photograph a colour chart with both, set a \
+             phantom's albedo, or set `[white_balance] same_camera` if they are of one model"
                 .to_owned()
         })
     }

@@ -33,6 +33,9 @@ pub enum Provenance {
     Calibrated,
     /// Pictures of one colour chart by both cameras.
     Chart,
+    /// The statement that both cameras are of one model with the same settings, updated where the live
+    /// pictures are inconsistent with it; standard error 3 %.
+    SameModel,
     /// Surfaces that both cameras see.
     Overlap,
     /// A surface of known reflectance.

@@ -150,6 +150,7 @@ impl Assessment {
             Provenance::Chart => "the colour chart",
             Provenance::Overlap => "surfaces seen by both cameras",
             Provenance::Reflectance => "surfaces of known reflectance",
+            Provenance::SameModel => "the statement that both cameras are of one model",
             Provenance::Fixed => "the configuration",
             Provenance::SameCamera | Provenance::GreyWorld | Provenance::Unknown => "nothing",
         };

@@ -207,7 +207,7 @@ fn filtered_pixels(
     cover.set_boxes(boxes(scene).map(Some).collect());
     let to_camera = input.world_from_camera.map(|p| p.inverse().to_matrix());
     let clip = clip_from_camera(input.camera) * to_camera.unwrap_or_default();
-    cover.update(clip, size, true, std::iter::empty());
+    cover.update(clip, size, true, std::iter::empty(), std::iter::empty());
     let reach = reach(input.look.spread.is_some(), extent)[3] as i64;
     let across = tile_grid(size).0;
     let is_covered = |x: i64, y: i64| {

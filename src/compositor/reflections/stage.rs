@@ -1,6 +1,6 @@
 //! The pass on the processor: traces the covered tiles of a frame and uploads the result.
 
-use super::super::cover::Corners;
+use super::super::cover::{Corners, MIRROR};
 use super::super::frame_input::FrameInput;
 use super::super::frame_view::FrameView;
 use super::super::textures::{FrameTexture, TILE, format};
@@ -40,6 +40,8 @@ pub struct ReflectionsStage {
     lattice: Vec<Nearby>,
     /// The pixels of that rectangle.
     texels: Vec<Texel>,
+    /// By tile of the picture: whether it is a real mirror's and shows something virtual.
+    shows: Vec<bool>,
 }
 
 /// The tiles of a frame: which are covered, row by row, their number in a row, and the rectangle of
@@ -62,6 +64,7 @@ impl ReflectionsStage {
             picture: picture(device, (1, 1)),
             lattice: Vec::new(),
             texels: Vec::new(),
+            shows: Vec::new(),
         }
     }
 
@@ -84,6 +87,11 @@ impl ReflectionsStage {
         self.scene.iter().flat_map(|scene| &scene.mirrors).copied()
     }
 
+    /// Whether a real mirror shows something virtual in a tile of the last frame.
+    pub fn shows(&self, tile: usize) -> bool {
+        self.shows.get(tile).is_some_and(|shows| *shows)
+    }
+
     /// What the composite binds.
     pub const fn picture(&self) -> &FrameTexture {
         &self.picture
@@ -97,6 +105,7 @@ impl ReflectionsStage {
         response: &Response,
         tiles: ReflectionTiles<'_>,
     ) {
+        self.shows.clear();
         let (Some(scene), Some(pose)) = (&self.scene, input.world_from_camera) else {
             return;
         };
@@ -133,7 +142,24 @@ impl ReflectionsStage {
         threads::for_each(strips.enumerate().collect(), |(number, strip)| {
             work.fill(&self.lattice, number, strip);
         });
+        self.find_shown(tiles);
         upload(queue, &self.picture, &self.texels, tiles);
+    }
+
+    /// Finds the tiles of real mirrors that show something virtual.
+    fn find_shown(&mut self, tiles: ReflectionTiles<'_>) {
+        let [left, top, across, down] = tiles.rectangle.map(|n| n as usize);
+        let side = TILE as usize;
+        self.shows.resize(tiles.covered.len(), false);
+        self.shows.fill(false);
+        for (x, y) in (0..down).flat_map(|y| (0..across).map(move |x| (x, y))) {
+            let tile = (top + y) * tiles.across as usize + left + x;
+            if tiles.covered[tile] == MIRROR {
+                let rows = (0..side).map(|row| ((y * side + row) * across + x) * side);
+                let mut rows = rows.map(|first| &self.texels[first..first + side]);
+                self.shows[tile] = rows.any(|row| row.iter().any(is_changed));
+            }
+        }
     }
 }
 
@@ -289,6 +315,13 @@ fn packed(nearby: &Nearby) -> Texel {
         halves(seen, seen * metres),
         z.to_bits(),
     ]
+}
+
+/// Whether a real mirror shows something else than the camera's picture.
+fn is_changed(&[red_green, blue_open, _, z]: &Texel) -> bool {
+    let open = f16::from_bits((blue_open >> 16) as u16);
+    let is_lit = red_green != 0 || blue_open & 0xffff != 0;
+    f32::from_bits(z) < 0.0 && (is_lit || open != f16::ONE)
 }
 
 /// Uploads the rectangle of covered tiles, as far as it lies in the picture.

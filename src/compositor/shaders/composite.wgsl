@@ -272,12 +272,12 @@ fn encoded(linear: vec3f) -> vec4f {
 
 @fragment
 fn real(@builtin(position) position: vec4f) -> @location(0) vec4f {
-    return background_at(vec2i(position.xy), false);
+    return background_at(vec2i(position.xy), false, false);
 }
 
 @fragment
 fn real_by_edge(@builtin(position) position: vec4f) -> @location(0) vec4f {
-    return background_at(vec2i(position.xy), true);
+    return background_at(vec2i(position.xy), true, false);
 }
 
 struct Background {
@@ -301,13 +301,13 @@ fn kind_of(pixel: vec2i) -> f32 {
 @fragment
 fn background(@builtin(position) position: vec4f) -> Background {
     let pixel = vec2i(position.xy);
-    return Background(background_at(pixel, false), kind_of(pixel));
+    return Background(background_at(pixel, false, true), kind_of(pixel));
 }
 
 @fragment
 fn background_by_edge(@builtin(position) position: vec4f) -> Background {
     let pixel = vec2i(position.xy);
-    return Background(background_at(pixel, true), kind_of(pixel));
+    return Background(background_at(pixel, true, true), kind_of(pixel));
 }
 
 // Pixels that show one virtual surface.

@@ -33,7 +33,7 @@ use penumbra_white_balance::reflectance::{
     ReflectanceOptions, estimate_reflectance, gather_known, grey_world, irradiance_at,
     irradiance_past,
 };
-use penumbra_white_balance::{MatchStatus, WhiteBalanceMatch, WhiteBalanceSettings};
+use penumbra_white_balance::{MatchStatus, Provenance, WhiteBalanceMatch, WhiteBalanceSettings};
 use std::sync::Arc;
 
 /// Environment sets between two estimates of the gains from the cameras' overlap.
@@ -90,6 +90,10 @@ impl LightEstimator {
         }
         if let Some(gains) = rig.gains.filter(|_| !same_camera) {
             white_balance.set_calibrated(gains);
+        }
+        let is_known = same_camera || white_balance.in_force().0 <= Provenance::Chart;
+        if config.white_balance.same_camera && !is_known {
+            white_balance.set_same_model();
         }
         Ok(Self {
             estimator,

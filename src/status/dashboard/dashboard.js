@@ -36,13 +36,14 @@ const STAGES = {
 };
 const METHODS = {
   chart: 'Colour chart', automatic: 'Automatic', 'known-surface': 'Known surface',
-  'grey-world': 'Grey world', 'same-camera': 'One camera', configured: 'Config file', none: 'None',
+  'grey-world': 'Grey world', 'same-camera': 'One camera', 'same-model': 'One model', configured: 'Config file', none: 'None',
 };
 const METHOD_TEXTS = {
   chart: 'Matched with pictures of one colour chart taken by both cameras.',
   automatic: 'Matched with surfaces that both cameras see.',
   'known-surface': 'Matched with a surface whose colour is known.',
   'grey-world': 'Guess: the scene is assumed to be grey on average.',
+  'same-model': 'Both cameras are of one model; their exposures alone differ.',
   'same-camera': 'One camera sees the scene and its light; no match is needed.',
   configured: 'Matched with the factors written in the config file.',
   none: 'The cameras are not matched.',
@@ -58,7 +59,10 @@ function head(s) {
   put($('head-fps'), number(s.frames.per_second));
   put($('head-ms'), number(stageOf(s, 'total')?.recent_ms));
   put($('head-lights'), whole(s.lighting.dome_lights));
-  put($('program'), `${s.program.name} ${s.program.version}, up ${duration(s.program.uptime_seconds)}`);
+  const { resident_bytes: used, limit_bytes: limit } = s.program.memory;
+  const megabytes = (bytes) => whole(Math.round(bytes / 1e6));
+  const memory = used === null ? '' : `, ${megabytes(used)}${limit === null ? '' : ` of ${megabytes(limit)}`} MB of memory`;
+  put($('program'), `${s.program.name} ${s.program.version}, up ${duration(s.program.uptime_seconds)}${memory}`);
   const a = s.adapter;
   put($('adapter'), a.name ? `Rendered by ${a.name} (${a.backend}, ${a.kind})${a.losses ? `, lost ${whole(a.losses)} times` : ''}` : '');
 }

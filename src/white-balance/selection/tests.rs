@@ -39,6 +39,29 @@ fn with(method: WhiteBalanceMethod) -> WhiteBalanceMatch {
 }
 
 #[test]
+fn cameras_of_one_model_differ_by_their_exposures_alone() {
+    let mut matched = with(WhiteBalanceMethod::Auto);
+    matched.set_same_model();
+    matched.update_grey_world(Some(known(GAINS, 0.5)));
+    assert_eq!(matched.in_force().0, Provenance::SameModel);
+    assert_eq!(matched.gains(), DVec3::ONE);
+    assert_eq!(matched.status().notice, None);
+    let exposure = |exposure_micros: f64, gain: f64| {
+        Some(Exposure {
+            exposure_micros,
+            gain,
+        })
+    };
+    matched.set_exposures(exposure(8000.0, 2.0), exposure(4000.0, 1.0));
+    assert!((matched.gains() - 4.0).abs().max_element() < 1e-12);
+    // The pictures tell that it is not true.
+    matched.update_overlap(overlap(GAINS * 4.0), NOW, NOW);
+    assert!(matched.gains().x / matched.gains().z != 1.0);
+    matched.set_chart(chart(GAINS));
+    assert_eq!(matched.in_force().0, Provenance::Chart);
+}
+
+#[test]
 fn automatic_selection_uses_the_best_available_method() {
     let mut matched = with(WhiteBalanceMethod::Auto);
     assert_eq!(matched.in_force().0, Provenance::Unknown);

@@ -149,8 +149,9 @@ fn with_reflections(linear: vec3f, pixel: vec2i) -> vec3f {
     return linear * mirrored.a + in_exposure(mirrored.rgb) * brightness_at(vec2f(pixel));
 }
 
-// `near_edge`: whether a real edge may be near.
-fn background_at(pixel: vec2i, near_edge: bool) -> vec4f {
+// `near_edge`: whether a real edge may be near; `covered`: in a covered tile, in which alone mirrors are
+// known.
+fn background_at(pixel: vec2i, near_edge: bool, covered: bool) -> vec4f {
     let code = textureLoad(camera, pixel, 0);
     let factor = shadow_at(pixel);
     let added = added_at(pixel);
@@ -160,7 +161,7 @@ fn background_at(pixel: vec2i, near_edge: bool) -> vec4f {
     }
     let unshadowed = all(factor == vec3f(select(1.0, 0.0, frame.counts.y == 1u)));
     var reflects = false;
-    if NEARBY {
+    if NEARBY && covered {
         reflects = any(in_real_mirror(pixel) != vec4f(0.0, 0.0, 0.0, 1.0));
     }
     if !at_edge.found && unshadowed && !reflects && all(added == vec3f(0.0)) {
@@ -170,5 +171,9 @@ fn background_at(pixel: vec2i, near_edge: bool) -> vec4f {
         return code;
     }
     let linear = select(shadowed(code.rgb, factor, pixel), at_edge.light, at_edge.found);
-    return encoded(with_reflections(linear, pixel) + in_exposure(added));
+    var real = linear;
+    if covered {
+        real = with_reflections(linear, pixel);
+    }
+    return encoded(real + in_exposure(added));
 }
