@@ -124,7 +124,7 @@ fn reflected(world: vec3f, d: vec3f, level: f32, gloss: Gloss) -> vec3f {
     let spread = SPREAD * t * gloss.width;
     let foot = world + low * t;
     let near = real_radiance(foot, spread, BESIDE);
-    let ground = mix(frame.ground.rgb * ground_share(foot), near.rgb, near.a);
+    let ground = mix(replaced * ground_share(foot), near.rgb, near.a);
     return max(far + below * (ground - replaced), vec3f(0.0));
 }
 
