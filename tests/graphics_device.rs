@@ -68,8 +68,9 @@ fn replay(folder: &Path, destroy_at: &[u32]) -> (Result<Report, RigError>, Snaps
     (report, status.snapshot())
 }
 
-/// Largest difference between the pictures of two folders, in codes.
-fn difference(folders: [&Path; 2]) -> u8 {
+/// Largest difference between the pictures of two folders, in codes, and the largest share of values
+/// that differ by more than one.
+fn difference(folders: [&Path; 2]) -> (u8, f64) {
     let open = |folder: &Path, k| {
         let path = folder.join(format!("{k:05}.png"));
         image::open(path).unwrap().into_rgb8().into_raw()
@@ -77,10 +78,13 @@ fn difference(folders: [&Path; 2]) -> u8 {
     let of = |k| {
         let [a, b] = folders.map(|folder| open(folder, k));
         assert_eq!(a.len(), b.len());
-        let pairs = a.into_iter().zip(b);
-        pairs.map(|(a, b)| a.abs_diff(b)).max().unwrap()
+        let off = || a.iter().zip(&b).map(|(a, b)| a.abs_diff(*b));
+        let many = off().filter(|off| *off > 1).count();
+        (off().max().unwrap(), many as f64 / a.len() as f64)
     };
-    (0..4).map(of).max().unwrap()
+    (0..4).map(of).fold((0, 0.0), |worst, (off, share)| {
+        (worst.0.max(off), f64::max(worst.1, share))
+    })
 }
 
 #[test]
@@ -105,9 +109,11 @@ fn replay_with_lost_devices_gives_the_same_pictures() {
         .each_ref()
         .map(|f| std::fs::read(f.with_extension("csv")).unwrap());
     assert!(poses[0] == poses[1], "poses differ after a loss");
-    // At live quality the visibility of a light that hardly turns is kept; a new device renews it.
+    // At live quality the visibility of a light that hardly turns is kept; a new device renews it. At
+    // contacts that makes two codes in a pixel or two.
     let [a, b] = &folders;
-    assert!(difference([a, b]) <= 1);
+    let (most, share) = difference([a, b]);
+    assert!(most <= 2 && share < 1e-5, "{most} {share}");
 }
 
 #[test]
