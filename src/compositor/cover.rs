@@ -261,27 +261,20 @@ mod tests {
         ])
     }
 
+    fn update(cover: &mut Cover, size: (u32, u32), visible: bool, mirror: Option<Corners>) {
+        let none = std::iter::empty();
+        cover.update(clip(), size, visible, none, mirror.into_iter());
+    }
+
     #[test]
     fn box_covers_the_tiles_of_its_projection() {
         let mut cover = Cover::default();
         cover.set_boxes(vec![cube(DVec3::new(0.0, 0.0, 2.0), 0.1)]);
-        cover.update(
-            clip(),
-            (20 * TILE, 20 * TILE),
-            true,
-            std::iter::empty(),
-            std::iter::empty(),
-        );
+        update(&mut cover, (20 * TILE, 20 * TILE), true, None);
         // 0.1 m at 1.95 m is half a tile each way about the centre: tiles 9 and 10.
         assert_eq!(cover.rectangle(), [9, 9, 2, 2]);
         assert_eq!(cover.tiles().iter().filter(|t| **t != 0).count(), 4);
-        cover.update(
-            clip(),
-            (20 * TILE, 20 * TILE),
-            false,
-            std::iter::empty(),
-            std::iter::empty(),
-        );
+        update(&mut cover, (20 * TILE, 20 * TILE), false, None);
         assert_eq!(cover.rectangle()[2], 0);
     }
 
@@ -290,13 +283,13 @@ mod tests {
         let mut cover = Cover::default();
         cover.set_boxes(vec![cube(DVec3::new(0.0, 0.0, 2.0), 0.1)]);
         let size = (20 * TILE, 20 * TILE);
-        let mirror = cube(DVec3::new(0.4, 0.0, 2.0), 0.1).into_iter();
-        cover.update(clip(), size, true, std::iter::empty(), mirror);
+        let mirror = cube(DVec3::new(0.4, 0.0, 2.0), 0.1);
+        update(&mut cover, size, true, mirror);
         assert!(cover.rectangle()[2] > 2);
         cover.keep_mirrors(|_| false);
         assert_eq!(cover.rectangle(), [9, 9, 2, 2]);
-        let same = cube(DVec3::new(0.0, 0.0, 2.0), 0.1).into_iter();
-        cover.update(clip(), size, true, std::iter::empty(), same);
+        let same = cube(DVec3::new(0.0, 0.0, 2.0), 0.1);
+        update(&mut cover, size, true, same);
         cover.keep_mirrors(|_| false);
         assert_eq!(cover.rectangle(), [9, 9, 2, 2]);
     }
@@ -306,13 +299,7 @@ mod tests {
         let mut cover = Cover::default();
         let mut show = |at: f64, size: u32, is_drawn: bool| {
             cover.set_boxes(vec![cube(DVec3::new(at, 0.0, 2.0), 0.1)]);
-            cover.update(
-                clip(),
-                (size, size),
-                true,
-                std::iter::empty(),
-                std::iter::empty(),
-            );
+            update(&mut cover, (size, size), true, None);
             let cleared = cover.rectangle_to_clear();
             if is_drawn {
                 cover.set_drawn();
@@ -336,21 +323,9 @@ mod tests {
     fn nothing_is_cleared_beyond_a_smaller_picture_without_objects() {
         let mut cover = Cover::default();
         cover.set_boxes(vec![cube(DVec3::new(0.0, 0.0, 2.0), 0.1)]);
-        cover.update(
-            clip(),
-            (20 * TILE, 20 * TILE),
-            true,
-            std::iter::empty(),
-            std::iter::empty(),
-        );
+        update(&mut cover, (20 * TILE, 20 * TILE), true, None);
         cover.set_drawn();
-        cover.update(
-            clip(),
-            (5, 5),
-            false,
-            std::iter::empty(),
-            std::iter::empty(),
-        );
+        update(&mut cover, (5, 5), false, None);
         assert_eq!(cover.rectangle_to_clear(), [0; 4]);
     }
 
@@ -361,23 +336,11 @@ mod tests {
             * DMat4::from_rotation_z(std::f64::consts::FRAC_PI_4);
         let ends = [DVec3::new(-1.0, -0.01, 0.0), DVec3::new(1.0, 0.01, 0.0)];
         cover.set_boxes(vec![corners(ends.into_iter(), turn)]);
-        cover.update(
-            clip(),
-            (20 * TILE, 20 * TILE),
-            true,
-            std::iter::empty(),
-            std::iter::empty(),
-        );
+        update(&mut cover, (20 * TILE, 20 * TILE), true, None);
         let covered = cover.tiles().iter().filter(|t| **t != 0).count();
         assert!((10..60).contains(&covered), "{covered}");
         cover.set_boxes(vec![cube(DVec3::ZERO, 1.0)]);
-        cover.update(
-            clip(),
-            (20 * TILE, 20 * TILE),
-            true,
-            std::iter::empty(),
-            std::iter::empty(),
-        );
+        update(&mut cover, (20 * TILE, 20 * TILE), true, None);
         assert_eq!(cover.rectangle(), [0, 0, 20, 20]);
     }
 }

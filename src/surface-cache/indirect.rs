@@ -2,9 +2,9 @@
 
 use crate::layout::{BORDERED, TEXELS};
 use crate::texels::PageTexels;
-use glam::{UVec3, Vec2, Vec3, Vec4};
+use glam::{UVec3, Vec3, Vec4};
 use penumbra_scene::IndirectLight;
-use penumbra_scene::indirect_light::{GROUND_SIDE, Irradiance, VOLUME_SIZE};
+use penumbra_scene::indirect_light::{Irradiance, VOLUME_SIZE};
 
 /// Texels along each axis at which a plane page is evaluated; between them indirect light is
 /// interpolated.
@@ -77,8 +77,8 @@ pub fn irradiance(light: &IndirectLight, kind: &Irradiance, p: Vec3, n: Vec3) ->
         return Vec3::ZERO;
     }
     if n.z > 0.99 && at.z < 0.02 {
-        let in_grid = light.on_ground.in_grid(at.truncate());
-        return on_ground(&kind.ground, in_grid);
+        let value = light.on_ground.value(&kind.ground, at.truncate());
+        return value.unwrap_or_default();
     }
     let size = UVec3::from(VOLUME_SIZE).as_vec3();
     // Half a probe off the surface: probes behind it are inside objects or on their far side.
@@ -90,20 +90,6 @@ pub fn irradiance(light: &IndirectLight, kind: &Irradiance, p: Vec3, n: Vec3) ->
             in_volume(&kind.volume[face], off) * weights[axis]
         })
         .sum()
-}
-
-fn on_ground(grid: &[Vec3], at: Vec2) -> Vec3 {
-    let side = GROUND_SIDE as usize;
-    let axis = |x: f32| {
-        let x = (x * side as f32 - 0.5).clamp(0.0, (side - 1) as f32);
-        let low = (x as usize).min(side - 2);
-        (low, x - low as f32)
-    };
-    let ((x, fx), (y, fy)) = (axis(at.x), axis(at.y));
-    let value = |x: usize, y: usize| grid.get(y * side + x).copied().unwrap_or_default();
-    let top = value(x, y).lerp(value(x + 1, y), fx);
-    let bottom = value(x, y + 1).lerp(value(x + 1, y + 1), fx);
-    top.lerp(bottom, fy)
 }
 
 fn in_volume(volume: &[Vec3], at: Vec3) -> Vec3 {

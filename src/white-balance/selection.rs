@@ -23,8 +23,7 @@ pub struct WhiteBalanceMatch {
     grey_world: Option<GainEstimate>,
 }
 
-/// Standard error of the gains of two cameras of one model, relative: of the colour filters and sensors
-/// of one production line.
+/// Assumed standard error of the gains of two cameras of one model, relative.
 const SAME_MODEL_SD: f64 = 0.03;
 /// An exposure at which both cameras of one model are equally bright, seconds; any will do.
 const REFERENCE_SECONDS: f64 = 0.01;

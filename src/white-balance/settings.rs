@@ -34,7 +34,7 @@ pub enum Provenance {
     /// Pictures of one colour chart by both cameras.
     Chart,
     /// The statement that both cameras are of one model with the same settings, updated where the live
-    /// pictures are inconsistent with it; standard error 3 %.
+    /// pictures are inconsistent with it; an assumed standard error of 3 %.
     SameModel,
     /// Surfaces that both cameras see.
     Overlap,

@@ -50,6 +50,20 @@ fn box_at_the_back() -> Part {
     part(primitives::cuboid(size), DVec3::new(0.0, 0.13, 0.0))
 }
 
+/// The same, with a green radiance of a half.
+fn glowing_box() -> Part {
+    let material = Material {
+        emissive: Vec3::new(0.0, 0.5, 0.0),
+        base_colour: Vec3::ZERO.extend(1.0),
+        specular: 0.0,
+        ..Material::default()
+    };
+    Part {
+        material: material.into(),
+        ..box_at_the_back()
+    }
+}
+
 const FRONT: DVec3 = DVec3::new(0.0, 0.1, 0.03);
 const ABOVE: DVec3 = DVec3::new(0.0, 0.1, 0.08);
 const BESIDE: DVec3 = DVec3::new(0.08, 0.1, 0.03);
@@ -72,14 +86,7 @@ fn mirror_beside_a_box_shows_the_picture_of_its_front() {
 
 #[test]
 fn mirror_shows_a_virtual_box() {
-    let mut glowing = box_at_the_back();
-    glowing.material = Material {
-        emissive: Vec3::new(0.0, 0.5, 0.0),
-        base_colour: Vec3::ZERO.extend(1.0),
-        specular: 0.0,
-        ..Material::default()
-    }
-    .into();
+    let glowing = glowing_box();
     let stage = stage().with_virtual(glowing);
     let code = stage.response.code_from_linear(0.5);
     let picture = stage.compose();
@@ -89,14 +96,7 @@ fn mirror_shows_a_virtual_box() {
 
 #[test]
 fn real_mirror_shows_a_virtual_box_and_is_else_left_as_it_is() {
-    let mut glowing = box_at_the_back();
-    glowing.material = Material {
-        emissive: Vec3::new(0.0, 0.5, 0.0),
-        base_colour: Vec3::ZERO.extend(1.0),
-        specular: 0.0,
-        ..Material::default()
-    }
-    .into();
+    let glowing = glowing_box();
     let reflectance = Vec3::new(0.9, 0.6, 0.9);
     let real = Part {
         mirror: true,

@@ -6,6 +6,7 @@
 //! software driver would read the hierarchy's boxes lane by lane.
 
 mod bvh;
+mod nearby;
 mod nearby_scene;
 mod radiance;
 mod stage;

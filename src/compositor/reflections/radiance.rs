@@ -2,14 +2,14 @@
 
 use super::super::frame_input::FrameInput;
 use super::nearby_scene::Surface;
-use glam::{Vec2, Vec3};
+use glam::Vec3;
 use penumbra_camera::{PinholeCamera, Response};
 use penumbra_interface::RigidTransform;
 use penumbra_lighting::compact_source_specular::CompleteMap;
 use penumbra_lighting::{LightKind, Lighting};
 use penumbra_picture::Picture;
 use penumbra_scene::IndirectLight;
-use penumbra_scene::indirect_light::{GROUND_SIDE, side_of};
+use penumbra_scene::indirect_light::side_of;
 use std::f32::consts::PI;
 
 /// The light of a frame.
@@ -114,17 +114,7 @@ impl<'a> NearbyLight<'a> {
             if at.min_element() < 0.0 || at.max_element() >= 1.0 {
                 return None;
             }
-            let last = GROUND_SIDE as f32 - 1.0;
-            let at = (light.on_ground.in_grid(at) * GROUND_SIDE as f32 - 0.5)
-                .clamp(Vec2::ZERO, Vec2::splat(last));
-            let cell = at.min(Vec2::splat(last - 1.0)).as_uvec2();
-            let part = at - cell.as_vec2();
-            let share = |x: u32, y: u32| {
-                let cell = (cell.y + y) * GROUND_SIDE + cell.x + x;
-                light.nearby.ground.get(cell as usize).copied()
-            };
-            let near = share(0, 0)?.lerp(share(1, 0)?, part.x);
-            Some(near.lerp(share(0, 1)?.lerp(share(1, 1)?, part.x), part.y))
+            light.on_ground.value(&light.nearby.ground, at)
         });
         share.unwrap_or(Vec3::ONE)
     }

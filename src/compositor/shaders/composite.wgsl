@@ -328,7 +328,11 @@ fn outline(@builtin(position) position: vec4f) -> @location(0) vec4f {
         left |= select(0u, 1u << u32(s), is_surface(textureLoad(virtual_shape, pixel, s)));
     }
     let covered = countOneBits(left);
-    let real = with_reflections(shadowed(code.rgb, factor, pixel), pixel);
+    var mirrored = NO_REFLECTION;
+    if NEARBY {
+        mirrored = in_real_mirror(pixel);
+    }
+    let real = with_reflections(shadowed(code.rgb, factor, pixel), mirrored, pixel);
     let behind = real + in_exposure(added_at(pixel));
     var linear = behind * (1.0 - f32(covered) / f32(SAMPLES));
     // Samples on either side of an outline or a crease are shaded separately. The loop tests its

@@ -1,6 +1,7 @@
 //! Where places on the ground lie in its grid, which is finer about the virtual objects.
 
-use glam::Vec2;
+use super::result::GROUND_SIDE;
+use glam::{Vec2, Vec3};
 
 /// Share of the grid's side that lies on either side of the objects' own part.
 const AROUND: f32 = 1.0 / 6.0;
@@ -48,6 +49,21 @@ impl GroundMap {
         let before = at.min(self.low) / self.low;
         let behind = (at - self.high).max(Vec2::ZERO) / (1.0 - self.high);
         AROUND * (before + behind) + (1.0 - 2.0 * AROUND) * inside.clamp(Vec2::ZERO, Vec2::ONE)
+    }
+
+    /// The value of a grid of [`GROUND_SIDE`]² texels there, interpolated; `None` if it is another one.
+    #[must_use]
+    pub fn value(&self, grid: &[Vec3], at: Vec2) -> Option<Vec3> {
+        let side = GROUND_SIDE as usize;
+        let last = (side - 1) as f32;
+        let at = (self.in_grid(at) * side as f32 - 0.5).clamp(Vec2::ZERO, Vec2::splat(last));
+        let low = at.as_uvec2().min(glam::UVec2::splat(GROUND_SIDE - 2));
+        let part = at - low.as_vec2();
+        let row = |y: usize| {
+            let first = (low.y as usize + y) * side + low.x as usize;
+            Some(grid.get(first)?.lerp(*grid.get(first + 1)?, part.x))
+        };
+        Some(row(0)?.lerp(row(1)?, part.y))
     }
 
     /// The inverse of [`Self::in_grid`].

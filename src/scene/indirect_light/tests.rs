@@ -123,12 +123,8 @@ fn ground_resolves_the_light_below_the_edge_of_an_object() {
     let mean = |beside: f32| {
         let along = (0..20).map(|k| 0.001 * k as f32 - 0.01);
         let at = along.map(|y| (glam::Vec2::new(0.1 + beside, y) - light.low.truncate()) / size);
-        let values = at.map(|at| {
-            let at = light.on_ground.in_grid(at) * GROUND_SIDE as f32 - 0.5;
-            let row = at.y.round() as usize * GROUND_SIDE as usize + at.x as usize;
-            let two = [row, row + 1].map(|i| light.change.ground[i].x);
-            two[0] + (two[1] - two[0]) * at.x.fract()
-        });
+        let value = |at| light.on_ground.value(&light.change.ground, at);
+        let values = at.map(|at| value(at).expect("a grid").x);
         values.sum::<f32>() / 20.0
     };
     for beside in [-0.03_f32, -0.01, 0.0, 0.01, 0.03] {

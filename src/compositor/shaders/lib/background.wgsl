@@ -140,12 +140,8 @@ fn divided_at_edge(pixel: vec2i, linear: vec3f, own_factor: vec3f) -> AtEdge {
     return AtEdge(clamp(linear * mix(own_factor, factor, known), low, high), true);
 }
 
-// The picture's light with what real mirrors show of virtual objects.
-fn with_reflections(linear: vec3f, pixel: vec2i) -> vec3f {
-    if !NEARBY {
-        return linear;
-    }
-    let mirrored = in_real_mirror(pixel);
+// The picture's light with what a real mirror shows of virtual objects; see `in_real_mirror`.
+fn with_reflections(linear: vec3f, mirrored: vec4f, pixel: vec2i) -> vec3f {
     return linear * mirrored.a + in_exposure(mirrored.rgb) * brightness_at(vec2f(pixel));
 }
 
@@ -160,10 +156,11 @@ fn background_at(pixel: vec2i, near_edge: bool, covered: bool) -> vec4f {
         at_edge = divided_at_edge(pixel, linear_of(code.rgb), factor);
     }
     let unshadowed = all(factor == vec3f(select(1.0, 0.0, frame.counts.y == 1u)));
-    var reflects = false;
+    var mirrored = NO_REFLECTION;
     if NEARBY && covered {
-        reflects = any(in_real_mirror(pixel) != vec4f(0.0, 0.0, 0.0, 1.0));
+        mirrored = in_real_mirror(pixel);
     }
+    let reflects = any(mirrored != NO_REFLECTION);
     if !at_edge.found && unshadowed && !reflects && all(added == vec3f(0.0)) {
         if EXPOSED {
             return encoded(code.rgb);
@@ -171,9 +168,5 @@ fn background_at(pixel: vec2i, near_edge: bool, covered: bool) -> vec4f {
         return code;
     }
     let linear = select(shadowed(code.rgb, factor, pixel), at_edge.light, at_edge.found);
-    var real = linear;
-    if covered {
-        real = with_reflections(linear, pixel);
-    }
-    return encoded(real + in_exposure(added));
+    return encoded(with_reflections(linear, mirrored, pixel) + in_exposure(added));
 }

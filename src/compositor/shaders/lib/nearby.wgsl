@@ -47,11 +47,14 @@ fn nearby_at(at: vec2f, z: f32) -> Nearby {
     return Nearby(light * scale, open, seen, shares.z / max(shares.y, 1e-9));
 }
 
+// Nothing virtual in a real mirror.
+const NO_REFLECTION = vec4f(0.0, 0.0, 0.0, 1.0);
+
 // What a real mirror shows of virtual objects: light, and the share that remains of its picture.
 fn in_real_mirror(pixel: vec2i) -> vec4f {
     let last = vec2i(textureDimensions(nearby)) - vec2i(1);
     let texel = textureLoad(nearby, min(pixel, last), 0);
     let b_open = unpack2x16float(texel.y);
     let light = vec3f(unpack2x16float(texel.x), b_open.x);
-    return select(vec4f(0.0, 0.0, 0.0, 1.0), vec4f(light, b_open.y), bitcast<f32>(texel.w) < 0.0);
+    return select(NO_REFLECTION, vec4f(light, b_open.y), bitcast<f32>(texel.w) < 0.0);
 }
