@@ -109,8 +109,8 @@ fn replay_with_lost_devices_gives_the_same_pictures() {
         .each_ref()
         .map(|f| std::fs::read(f.with_extension("csv")).unwrap());
     assert!(poses[0] == poses[1], "poses differ after a loss");
-    // At live quality the visibility of a light that hardly turns is kept; a new device renews it. At
-    // contacts that makes two codes in a pixel or two.
+    // At live quality light is kept on surfaces from picture to picture; a new device finds it anew. One
+    // pixel of four pictures differs by two codes.
     let [a, b] = &folders;
     let (most, share) = difference([a, b]);
     assert!(most <= 2 && share < 1e-5, "{most} {share}");
