@@ -83,15 +83,26 @@ const WIDEST = 0.1;
 // as the lobe does. Half of all directions are within 2 alpha of the mirror direction (GGX), as of a
 // Gaussian of the standard deviation 1.7 alpha; that of interpolation is half a texel.
 const SPREAD = 3.4;
+// Directions of a metal's lobe that are followed to the ground: a lobe is far longer there than wide
+// where it is nearly level.
+const METAL_TAPS = 3;
+// F0 from which on a lobe is bright enough for them.
+const METAL = 0.2;
+// Least slope of a direction that is followed to the ground.
+const LEAST_SLOPE = 0.01;
 // Share of a lobe that is neglected.
 const NEGLECTED = 0.03;
 
-// Share of a lobe about a direction of height `z` that lies below the horizon: half vectors have
-// GGX's slopes, of which 1/2 (1 + s / sqrt(alpha^2 + s^2)) are less than s in one direction.
-fn share_below(z: f32, width: f32) -> f32 {
-    let s = -0.5 * z / clamp(width, 0.01, WIDEST);
-    let share = 0.5 + 0.5 * s * inverseSqrt(1.0 + s * s);
-    return clamp((share - NEGLECTED) / (1.0 - 2.0 * NEGLECTED), 0.0, 1.0);
+// Share of a lobe that lies below the horizon, which is `x` widths above the mirror direction: half
+// vectors have GGX's slopes, of which 1/2 (1 + x / sqrt(1 + x^2)) are less than x alpha in one direction.
+fn share_below(x: f32) -> f32 {
+    return 0.5 + 0.5 * x * inverseSqrt(1.0 + x * x);
+}
+
+// The quantile of these slopes.
+fn slope_at(share: f32) -> f32 {
+    let u = 2.0 * share - 1.0;
+    return u * inverseSqrt(max(1.0 - u * u, 1e-4));
 }
 
 // Share of its light that the ground has in the presence of virtual objects.
@@ -110,21 +121,37 @@ fn ground_share(world: vec3f) -> f32 {
 // environment.
 fn reflected(world: vec3f, d: vec3f, level: f32, gloss: Gloss) -> vec3f {
     let far = far_radiance(d, level, gloss);
-    let below = frame.params.z * share_below(d.z, gloss.width);
+    let width = 2.0 * clamp(gloss.width, 0.01, WIDEST);
+    let share = share_below(-d.z / width);
+    let below = frame.params.z * clamp((share - NEGLECTED) / (1.0 - 2.0 * NEGLECTED), 0.0, 1.0);
     if below == 0.0 {
         return far;
     }
-    // The mean direction of that part, and what the environment has there.
-    let low = normalize(vec3f(d.xy, min(d.z, -2.0 * min(gloss.width, WIDEST))));
+    // Directions at the middle of equal parts of what is below.
+    let taps = select(1, METAL_TAPS, max(max(gloss.f0.x, gloss.f0.y), gloss.f0.z) > METAL);
+    var height = 0.0;
+    var seen = vec4f(0.0);
+    var k = 0;
+    loop {
+        let z = d.z + width * slope_at(share * (f32(k) + 0.5) / f32(taps));
+        let low = normalize(vec3f(d.xy, min(z, -LEAST_SLOPE)));
+        let t = (world.z - frame.params.y) / -low.z;
+        let near = real_radiance(world + low * t, SPREAD * t * gloss.width, BESIDE);
+        seen += vec4f(near.rgb * near.a, near.a) / f32(taps);
+        height += z / f32(taps);
+        k++;
+        continuing {
+            break if k == taps;
+        }
+    }
+    // What the picture does not show there the environment does.
+    let low = normalize(vec3f(d.xy, min(height, -LEAST_SLOPE)));
     var replaced = far;
     if low.z < d.z {
         replaced = far_radiance(low, level, gloss);
     }
-    let t = (world.z - frame.params.y) / -low.z;
-    let spread = SPREAD * t * gloss.width;
-    let foot = world + low * t;
-    let near = real_radiance(foot, spread, BESIDE);
-    let ground = mix(replaced * ground_share(foot), near.rgb, near.a);
+    let foot = world + low * ((world.z - frame.params.y) / -low.z);
+    let ground = seen.rgb + replaced * ground_share(foot) * (1.0 - seen.a);
     return max(far + below * (ground - replaced), vec3f(0.0));
 }
 
