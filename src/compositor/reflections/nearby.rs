@@ -23,8 +23,9 @@ pub struct Nearby {
     pub open: f32,
     /// Share of the rays that meet what the picture shows.
     pub seen: f32,
-    /// Mean length of those, metres.
-    pub metres: f32,
+    /// The mean of where those are in the picture, in its width and height, and of their lengths as
+    /// a share of the distance from there to the camera.
+    pub place: Vec3,
     /// Distance of the surface along the camera's axis, metres, negative for a real mirror; 0 without
     /// a glossy surface.
     pub z: f32,
@@ -48,7 +49,7 @@ impl Nearby {
         light: Vec3::ZERO,
         open: 1.0,
         seen: 0.0,
-        metres: 0.0,
+        place: Vec3::ZERO,
         z: 0.0,
         normal: Vec3::ZERO,
     };
@@ -70,15 +71,14 @@ impl Nearby {
             normal: first.normal,
             ..Self::NOTHING
         };
-        let mut metres = 0.0;
         for (corner, weight) in corners.iter().zip(weights) {
             sum.light += corner.light * weight;
             sum.open += corner.open * weight;
             sum.seen += corner.seen * weight;
-            metres += corner.seen * corner.metres * weight;
+            sum.place += corner.place * corner.seen * weight;
             sum.z += corner.z * weight;
         }
-        sum.metres = metres / sum.seen.max(1e-6);
+        sum.place /= sum.seen.max(1e-6);
         Between::Known(sum)
     }
 

@@ -10,7 +10,7 @@ use super::nearby_scene::NearbyScene;
 use super::radiance::NearbyLight;
 use super::trace::{Tracer, View, slopes};
 use crate::compiled::Device;
-use glam::{DMat4, Vec2};
+use glam::{DMat4, Vec2, Vec3};
 use half::f16;
 use penumbra_camera::Response;
 use penumbra_interface::threads;
@@ -25,8 +25,11 @@ const RAYS: usize = 12;
 /// ... and at a point of a lattice that stands for several pixels, or an outline.
 const FEW_RAYS: usize = 3;
 
-/// A texel: light, open, seen, seen · metres as half floats, then z, negative on a real mirror.
+/// A texel: light as three floats with a common exponent; open and seen as half floats; the place in
+/// the picture in 65,535ths; its third number and z, negative on a real mirror, as half floats.
 type Texel = [u32; 4];
+/// No glossy surface.
+const NOTHING: Texel = [0; 4];
 
 /// The scene, and the picture of what its glossy surfaces mirror.
 pub struct ReflectionsStage {
@@ -138,7 +141,7 @@ impl ReflectionsStage {
         threads::for_each(strips.enumerate().collect(), |(number, strip)| {
             work.trace(number, strip);
         });
-        self.texels.resize(across * down, [0; 4]);
+        self.texels.resize(across * down, NOTHING);
         let strips = self.texels.chunks_exact_mut(TILE as usize * across);
         threads::for_each(strips.enumerate().collect(), |(number, strip)| {
             work.fill(&self.lattice, number, strip);
@@ -212,7 +215,7 @@ impl Work<'_> {
         let across = texels.len() / side;
         let [left, top, ..] = self.tiles.rectangle.map(|n| n as usize);
         let covered = &self.tiles.covered[(top + number) * self.tiles.across as usize + left..];
-        texels.fill([0; 4]);
+        texels.fill(NOTHING);
         let mut waiting = self.slopes.each_ref().map(|slopes| Waiting::new(slopes));
         for x in (0..across).filter(|x| covered[x / side] != 0) {
             for y in 0..side {
@@ -298,31 +301,56 @@ impl<'a> Waiting<'a> {
 /// Twin of WGSL `nearby_at`, which reads it.
 fn packed(nearby: &Nearby) -> Texel {
     if nearby.z == 0.0 {
-        return [0; 4];
+        return NOTHING;
     }
-    let half = |x: f32| u32::from(f16::from_f32(x.clamp(0.0, 6e4)).to_bits());
+    let half = |x: f32| u32::from(f16::from_f32(x.clamp(-6e4, 6e4)).to_bits());
     let halves = |a: f32, b: f32| half(a) | half(b) << 16;
+    let unit = |x: f32| (x.clamp(0.0, 1.0) * 65535.0).round() as u32;
     let Nearby {
         light,
         open,
         seen,
-        metres,
+        place,
         z,
         ..
     } = *nearby;
     [
-        halves(light.x, light.y),
-        halves(light.z, open),
-        halves(seen, seen * metres),
-        z.to_bits(),
+        with_common_exponent(light),
+        halves(open, seen),
+        unit(place.x) | unit(place.y) << 16,
+        halves(place.z, z),
     ]
 }
 
+/// Bits of each number of [`with_common_exponent`].
+const MANTISSA: i32 = 9;
+/// Power of two by which its numbers are multiplied at the exponent 0.
+const LEAST_EXPONENT: i32 = -24;
+
+/// Three numbers of nine bits and an exponent of five (`RGB9_E5` of Vulkan).
+fn with_common_exponent(light: Vec3) -> u32 {
+    let largest = (1 << MANTISSA) - 1;
+    let light = light.clamp(Vec3::ZERO, Vec3::splat(65408.0));
+    // The power of two above the greatest number, which rounding may not reach.
+    let power = (light.max_element() * (1.0 + 1.0 / 1024.0))
+        .max(1e-9)
+        .log2()
+        .floor() as i32
+        + 1;
+    let exponent = (power - MANTISSA - LEAST_EXPONENT).clamp(0, 31);
+    let scale = ((-exponent - LEAST_EXPONENT) as f32).exp2();
+    let [r, g, b] = (light * scale)
+        .round()
+        .to_array()
+        .map(|x| (x as u32).min(largest));
+    r | g << 9 | b << 18 | (exponent as u32) << 27
+}
+
 /// Whether a real mirror shows something else than the camera's picture.
-fn is_changed(&[red_green, blue_open, _, z]: &Texel) -> bool {
-    let open = f16::from_bits((blue_open >> 16) as u16);
-    let is_lit = red_green != 0 || blue_open & 0xffff != 0;
-    f32::from_bits(z) < 0.0 && (is_lit || open != f16::ONE)
+fn is_changed(&[light, open_seen, _, z]: &Texel) -> bool {
+    let low = |bits: u32| f16::from_bits(bits as u16);
+    let is_lit = light & 0x07ff_ffff != 0;
+    low(z >> 16) < f16::ZERO && (is_lit || low(open_seen) != f16::ONE)
 }
 
 /// Uploads the rectangle of covered tiles, as far as it lies in the picture.
@@ -353,4 +381,30 @@ fn upload(queue: &wgpu::Queue, to: &FrameTexture, texels: &[Texel], tiles: Refle
 fn picture(device: &Device, size: (u32, u32)) -> FrameTexture {
     let usage = U::TEXTURE_BINDING | U::COPY_DST;
     FrameTexture::new(device, "nearby", size, format::TILES, usage)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Twin of WGSL `light_of`.
+    fn light_of(bits: u32) -> Vec3 {
+        let number = |shift: u32| (bits >> shift & 511) as f32;
+        let exponent = (bits >> 27) as i32 + LEAST_EXPONENT;
+        Vec3::new(number(0), number(9), number(18)) * (exponent as f32).exp2()
+    }
+
+    #[test]
+    fn light_is_kept_to_a_512th_of_the_brightest_channel() {
+        let mut light = Vec3::new(0.3, 1.0, 0.07);
+        for _ in 0..40 {
+            let error = (light_of(with_common_exponent(light)) - light).abs();
+            let brightest = light.max_element().max(1e-4);
+            assert!(error.max_element() <= brightest / 511.0, "{light}");
+            light *= if light.y > 5e4 { 1e-6 } else { 1.37 };
+        }
+        assert_eq!(light_of(with_common_exponent(Vec3::ZERO)), Vec3::ZERO);
+        let most = light_of(with_common_exponent(Vec3::INFINITY));
+        assert!(most.is_finite() && most.x > 6e4);
+    }
 }

@@ -5,13 +5,13 @@
 //! |s| = √(u / (1 − u)). What a ray meets before the ground counts as close by:
 //!
 //! ```text
-//!   L = open · L_far  +  light  +  seen · L_picture(p + d · metres)
+//!   L = open · L_far  +  light  +  seen · L_picture(place)
 //! ```
 //!
 //! L_far, environment and ground, is looked up by the composite. `light` is the mean radiance of
 //! virtual surfaces and of phantoms that the camera does not see, of each over all rays. Where the
-//! camera sees a phantom, `seen` is the share of the rays that meet it and `metres` their mean
-//! length: the composite looks up the picture there.
+//! camera sees a phantom, `seen` is the share of the rays that meet it and `place` the mean of where
+//! they do in the picture: the composite looks that up.
 //!
 //! A real mirror shows the real scene already. There, `light` is what it reflects of virtual surfaces,
 //! and `open` the share that remains of its picture: less where it shows one of those, or their shadow
@@ -68,17 +68,25 @@ impl View {
         self.world_from_camera * ((pixel - centre) / focal).extend(1.0)
     }
 
-    /// 1 where the picture shows `p`, 0 beside it, in between at its edges.
-    fn inside(&self, p: Vec3) -> f32 {
+    /// Where the picture shows `p`, in the picture's width and height, and its distance along the
+    /// camera's axis, metres; `None` behind the camera.
+    fn place_of(&self, p: Vec3) -> Option<(Vec2, f32)> {
         let own = self.world_from_camera.transpose() * (p - self.eye);
-        if own.z <= 0.0 {
-            return 0.0;
-        }
         let (focal, centre) = (self.camera.focal.as_vec2(), self.camera.centre.as_vec2());
         let size = Vec2::new(self.camera.width as f32, self.camera.height as f32);
         let uv = (own.truncate() / own.z * focal + centre + 0.5) / size;
-        smoothstep(0.0, FADE, uv.min(1.0 - uv).min_element())
+        (own.z > 0.0).then_some((uv, own.z))
     }
+
+    /// Whether the picture shows `p`, if nothing hides it.
+    fn shows(&self, p: Vec3) -> bool {
+        self.place_of(p).is_some_and(|(uv, _)| inside(uv) > 0.0)
+    }
+}
+
+/// 1 within the picture, 0 beside it, in between at its edges.
+fn inside(uv: Vec2) -> f32 {
+    smoothstep(0.0, FADE, uv.min(1.0 - uv).min_element())
 }
 
 /// Everything that rays meet.
@@ -109,9 +117,8 @@ struct Mirror<'a> {
     /// What its ray stands for.
     beam: Beam,
     met: Met<'a>,
-    /// Weight of its rays, and the weighted sum of the lengths of those that meet what is seen.
-    weight: f32,
-    metres: f32,
+    /// Number of its rays.
+    rays: f32,
     sum: Nearby,
 }
 
@@ -206,8 +213,7 @@ impl Tracer<'_> {
                 incident,
                 across: met.shading_normal.any_orthonormal_pair(),
                 met,
-                weight: 0.0,
-                metres: 0.0,
+                rays: 0.0,
                 sum: Nearby {
                     open: 0.0,
                     z: if met.surface.phantom.is_some() {
@@ -263,7 +269,7 @@ impl Tracer<'_> {
         for (lane, mirror) in mirrors.iter_mut().enumerate() {
             let ray = mirror.as_mut().and_then(|m| m.ray(number, slopes));
             if let (Some(mirror), Some(direction)) = (mirror, ray) {
-                mirror.weight += 1.0;
+                mirror.rays += 1.0;
                 let origin = mirror.point + mirror.met.normal * self.scene.lift;
                 packet.set(lane, origin, direction, self.to_ground(origin, direction));
             }
@@ -291,7 +297,7 @@ impl Tracer<'_> {
             let Some(met) = &found[lane] else {
                 // The picture shows the ground there, unless a phantom hides it.
                 let point = packet.point(lane, packet.farthest[lane]);
-                if packet.farthest[lane] < f32::MAX && self.view.inside(point) > 0.0 {
+                if packet.farthest[lane] < f32::MAX && self.view.shows(point) {
                     let from = point + Vec3::Z * self.scene.lift;
                     to_eye.set(lane, from, self.view.eye - from, FREE);
                 } else {
@@ -356,16 +362,15 @@ impl Tracer<'_> {
                 }
                 continue;
             };
-            let faces = met.normal.dot(towards) > 0.0;
-            let seen = if faces && !hidden[lane] {
-                self.view.inside(point)
-            } else {
-                0.0
-            };
+            let is_visible = met.normal.dot(towards) > 0.0 && !hidden[lane];
+            let place = self.view.place_of(point).filter(|_| is_visible);
+            let seen = place.map_or(0.0, |(uv, _)| inside(uv));
             let number = met.surface.phantom.unwrap_or_default();
             mirror.sum.light += self.light.phantom(number, met.normal) * (1.0 - seen);
             mirror.sum.seen += seen;
-            mirror.metres += seen * met.distance;
+            if let Some((uv, depth)) = place {
+                mirror.sum.place += uv.extend(met.distance / depth) * seen;
+            }
         }
     }
 
@@ -443,7 +448,7 @@ impl Mirror<'_> {
     }
 
     fn mean(self) -> Nearby {
-        let scale = 1.0 / self.weight.max(1.0);
+        let scale = 1.0 / self.rays.max(1.0);
         let reflectance = if self.is_real() {
             self.met.surface.f0
         } else {
@@ -453,15 +458,15 @@ impl Mirror<'_> {
             light,
             open,
             seen,
+            place,
             z,
             normal,
-            ..
         } = self.sum;
         Nearby {
             light: light * scale * reflectance,
             open: open * scale,
             seen: seen * scale,
-            metres: self.metres / seen.max(1e-6),
+            place: place / seen.max(1e-6),
             z,
             normal,
         }

@@ -49,13 +49,17 @@ fn light_at(pixel: vec2i, n: vec3f, z: f32, own: bool) -> vec3f {
 const BESIDE = 0.7;
 const BESIDE_FADE = 0.4;
 
+// Level of the surroundings with texels of twice this many pixels: level 0 is half the picture.
+fn level_of(blur: f32) -> f32 {
+    return clamp(log2(max(blur, 1.0)), 0.0, frame.params.w);
+}
+
 // Radiance of a point of a real surface as the picture shows it, blurred over `metres`, beside the
 // picture as its edge to the share `beside`; in w, how far that is the ground and known.
 fn real_radiance(world: vec3f, metres: f32, beside: f32) -> vec4f {
     let p = pixel_of(world);
     let uv = (p.xy + vec2f(0.5)) * frame.size.zw;
     let edge = min(min(uv.x, 1.0 - uv.x), min(uv.y, 1.0 - uv.y));
-    // Level 0 of the surroundings is half the picture.
     let pixels = metres * frame.intrinsics.x / max(p.z, 1e-3);
     // Part of so wide a blur may lie beside the picture or behind the camera.
     let reach = min(0.5 * pixels * frame.size.z, 0.5);
@@ -64,8 +68,7 @@ fn real_radiance(world: vec3f, metres: f32, beside: f32) -> vec4f {
     let outside = beside * exp(min(edge, 0.0) / BESIDE_FADE);
     let inside = max(smoothstep(-0.02 - reach, 0.05 + reach, edge), outside) * ahead;
     let blur = max(pixels * 0.5, -edge * frame.size.x * 0.25);
-    let lod = clamp(log2(max(blur, 1.0)), 0.0, frame.params.w);
-    let seen = textureSampleLevel(surroundings, smooth_sampler, clamp(uv, vec2f(0.0), vec2f(1.0)), lod);
+    let seen = textureSampleLevel(surroundings, smooth_sampler, clamp(uv, vec2f(0.0), vec2f(1.0)), level_of(blur));
     return vec4f(seen.rgb, seen.a * inside);
 }
 
@@ -155,10 +158,15 @@ fn reflected(world: vec3f, d: vec3f, level: f32, gloss: Gloss) -> vec3f {
     return max(far + below * (ground - replaced), vec3f(0.0));
 }
 
+// The same as SPREAD for what stands close by: half as much, because the places of a lobe's rays are
+// averaged already, and a wider blur would mix in what is behind.
+const SEEN_SPREAD = 0.5 * SPREAD;
+
 // Light that a glossy surface mirrors: `far` from far away and from the ground as far as nothing is
 // in between, else of what is close by.
-fn mirrored_light(far: vec3f, near: Nearby, world: vec3f, d: vec3f, gloss: Gloss) -> vec3f {
-    let seen = real_radiance(world + d * near.metres, SPREAD * near.metres * gloss.width, BESIDE).rgb;
+fn mirrored_light(far: vec3f, near: Nearby, gloss: Gloss) -> vec3f {
+    let pixels = SEEN_SPREAD * gloss.width * near.place.z * frame.intrinsics.x;
+    let seen = textureSampleLevel(surroundings, smooth_sampler, near.place.xy, level_of(0.5 * pixels)).rgb;
     return far * near.open + near.light + seen * near.seen;
 }
 
@@ -197,7 +205,7 @@ fn shade(pixel: vec2i, s: i32, own: bool) -> vec3f {
     var open = 1.0;
     if NEARBY {
         let near = nearby_at(sample_position(pixel, s), frame.eye.w / depth);
-        mirrored = mirrored_light(mirrored, near, world, d, gloss);
+        mirrored = mirrored_light(mirrored, near, gloss);
         open = near.open;
     }
     let scale = gloss.f0 * table.x + vec3f(gloss.f90 * table.y);
