@@ -176,7 +176,7 @@ fn bounce(world: vec3f, n: vec3f) -> vec3f {
     let share = frame.params.z * 0.5 * (1.0 - n.z);
     let aside = normalize(vec3f(n.xy, -0.7));
     let foot = world + aside * (height / 0.7 * length(vec3f(n.xy, -0.7)));
-    let near = real_radiance(vec3f(foot.xy, frame.params.y), 2.0 * height + 0.01, 0.0);
+    let near = real_radiance(vec3f(foot.xy, frame.params.y), 2.0 * height + 0.002, 0.0);
     let far = sky_irradiance(vec3f(0.0, 0.0, -1.0));
     return share * (PI * mix(frame.ground.rgb * ground_share(foot), near.rgb, near.a) - far);
 }
