@@ -34,6 +34,9 @@ pub struct Lattice<'a, S> {
     pending_count: usize,
 }
 
+/// Radius of the part of a surface whose mean a texel has, in lengths of texels.
+const LEAST_WIDTH: f32 = 0.5;
+
 /// Large patches, by their first corner.
 const LARGE: [[usize; 2]; 4] = [[0, 0], [2, 0], [0, 2], [2, 2]];
 
@@ -122,6 +125,7 @@ impl<'a, S: Simd> Lattice<'a, S> {
         How {
             nearest: self.nearest,
             reach: texels * self.length,
+            least: LEAST_WIDTH * self.length,
             many,
             offset: self.offset,
         }

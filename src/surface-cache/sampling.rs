@@ -13,6 +13,9 @@ pub const FREE: f32 = 1e9;
 /// widely spread ones, that makes no difference.
 const NARROW: f32 = 2.0;
 
+/// Least radius of what is averaged, in texels of the map.
+const NARROWEST: f32 = 0.7;
+
 impl LitMap<'_> {
     /// The visible shares, and the widths of the penumbrae, metres.
     #[inline(always)]
@@ -29,7 +32,9 @@ impl LitMap<'_> {
         // Casters at a height h above the point block it if they lie within h times the spread.
         let per_metre = simd.splat_f32s(self.spread / self.view.texel());
         let first = simd.sub_f32s(p.depth, simd.splat_f32s(how.nearest));
-        let first = simd.max_f32s(simd.mul_f32s(per_metre, first), one);
+        let least = simd.splat_f32s((how.least / self.view.texel()).max(NARROWEST));
+        let widest = simd.max_f32s(least, one);
+        let first = simd.max_f32s(simd.mul_f32s(per_metre, first), widest);
         let wide = simd.add_f32s(first, around);
         let squares = self.squares(simd, p, wide);
         let nearest = self.map.ranges().nearest(simd, &squares);
@@ -52,11 +57,11 @@ impl LitMap<'_> {
         };
         let disc = Turned { simd, disc, turn };
         let above = simd.mul_f32s(per_metre, simd.sub_f32s(p.depth, nearest));
-        let radius = simd.min_f32s(simd.max_f32s(above, one), first);
+        let radius = simd.min_f32s(simd.max_f32s(above, widest), first);
         let (blockers, sum) = self.blockers(p, radius, &disc);
         let is_blocked = simd.greater_than_f32s(blockers, zero);
         let mean = simd.div_f32s(sum, simd.max_f32s(blockers, one));
-        let texels = simd.max_f32s(simd.mul_f32s(per_metre, mean), simd.splat_f32s(0.7));
+        let texels = simd.max_f32s(simd.mul_f32s(per_metre, mean), least);
         let (mut share, mut width) = (one, zero);
         if any(simd, is_blocked) {
             let narrow = simd.less_than_f32s(texels, simd.splat_f32s(NARROW));

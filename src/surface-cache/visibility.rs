@@ -51,6 +51,9 @@ pub struct How {
     pub nearest: f32,
     /// Distance about a texel for which certainty is wanted, metres.
     pub reach: f32,
+    /// Least radius of what is averaged, metres: a shadow that is narrower than a texel would be seen
+    /// by every other texel.
+    pub least: f32,
     /// Whether texels use the larger disc, which is not turned.
     pub many: bool,
     pub offset: Offset,
