@@ -29,11 +29,13 @@ use std::time::Duration;
 const QUEUE_CAPACITY: usize = 16_384;
 /// Interval of flushes, each of which waits for the disk. A power cut loses this and the time of
 /// one flush.
-const FLUSH_EVERY: Duration = Duration::from_millis(500);
+const FLUSH_EVERY: Duration = Duration::from_millis(250);
+/// At the end of a recording, pictures that take longer to encode are left out.
+const ENCODING_LIMIT: Duration = Duration::from_millis(500);
 /// A write that takes longer means that the disk is slow.
 const SLOW_WRITE: Duration = Duration::from_millis(250);
 /// With longer flushes a power cut loses more than a second.
-const SLOW_FLUSH: Duration = Duration::from_millis(500);
+const SLOW_FLUSH: Duration = Duration::from_millis(750);
 
 /// A file that a recording is written to. Its `flush` returns when its bytes are on the disk.
 pub trait RecordingFile: Write + Seek + Send {}
@@ -301,7 +303,7 @@ impl Job {
             if self.stop.load(Ordering::Relaxed) {
                 return Ok(End::Regular("Finished."));
             }
-            match self.queue.recv_timeout(FLUSH_EVERY / 4) {
+            match self.queue.recv_timeout(FLUSH_EVERY / 2) {
                 Ok(event) => self.timed_write(|job| job.write(&event))?,
                 Err(RecvTimeoutError::Timeout) => (),
                 Err(RecvTimeoutError::Disconnected) => return Ok(End::Regular("Finished.")),
@@ -398,7 +400,7 @@ impl Job {
             job.composites
                 .as_ref()?
                 .encoded
-                .recv_timeout(FLUSH_EVERY)
+                .recv_timeout(ENCODING_LIMIT)
                 .ok()
         };
         while let Some(composite) = next(self) {
