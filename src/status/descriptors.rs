@@ -11,14 +11,14 @@ pub fn allow(needed: usize) {
         if limit.current.is_none_or(|current| current >= needed) {
             return;
         }
-        let current = Some(limit.maximum.map_or(needed, |most| most.min(needed)));
+        let possible = limit.maximum.map_or(needed, |most| most.min(needed));
+        let current = Some(possible);
         let raised = setrlimit(Resource::Nofile, Rlimit { current, ..limit });
-        if raised.is_err() || current < Some(needed) {
+        if raised.is_err() || possible < needed {
             tracing::warn!(
-                "the system allows this program {} open files, and the configured number of viewers \
-                 needs {needed}; raise the limit (ulimit -n, LimitNOFILE of the service), or lower \
-                 `viewers` in [status]",
-                current.unwrap_or_default()
+                "the system allows this program {possible} open files, and the configured number of \
+                 viewers needs {needed}; raise the limit (ulimit -n, LimitNOFILE of the service), or \
+                 lower `viewers` in [status]"
             );
         }
     }
