@@ -222,7 +222,7 @@ def prepare() -> str:
         done = subprocess.run(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, cwd=ROOT)
         if done.returncode:
             sys.exit(skip((done.stdout.strip().splitlines() or ["no packages"])[-1]))
-    if subprocess.run(["sh", "-c", "command -v mke2fs e2fsck debugfs"], stdout=subprocess.DEVNULL, env={**os.environ, "PATH": TOOLS_PATH}).returncode:
+    if subprocess.run(["sh", "-c", "command -v mkfs.ext4 e2fsck debugfs"], stdout=subprocess.DEVNULL, env={**os.environ, "PATH": TOOLS_PATH}).returncode:
         sys.exit(skip("e2fsprogs is missing (apt-get install e2fsprogs)"))
     programs = run(sys.executable, "tests/devices/build.py", "power-record", "power-read")
     (VM / "programs").write_text("".join(line + "\n" for line in programs.splitlines() if line.split(" ")[0] in ("bin", "tests")))
@@ -230,7 +230,7 @@ def prepare() -> str:
         (WORK / name).unlink(missing_ok=True)
         with (WORK / name).open("wb") as file:
             file.truncate(mib << 20)
-    run("mke2fs", "-q", "-t", "ext4", WORK / "disk.img", f"{FILE_SYSTEM_MIB}M")
+    run("mkfs.ext4", "-q", WORK / "disk.img", f"{FILE_SYSTEM_MIB}M")
     (WORK / "empty.img").write_bytes((WORK / "disk.img").read_bytes())
     return next(line.split(" ")[2] for line in programs.splitlines() if line.startswith("bin penumbra "))
 
