@@ -14,7 +14,7 @@ use penumbra_rig::{Report, RigError, RunOptions, Runner};
 use penumbra_rig_model::EnvironmentSource;
 use penumbra_scene::Highlights;
 use penumbra_scene::SceneChoice;
-use penumbra_status::{SharedStatus, StatusError, StatusServer};
+use penumbra_status::{SharedStatus, StatusError, StatusServer, StreamLimits};
 use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -206,7 +206,13 @@ pub fn status_server(
     status: &Arc<SharedStatus>,
 ) -> Result<StatusServer, StatusError> {
     let settings = &config.status;
-    StatusServer::bind(settings.listen, settings.token.clone(), status.clone())
+    let limits = StreamLimits::from(settings);
+    StatusServer::bind_with(
+        settings.listen,
+        settings.token.clone(),
+        status.clone(),
+        limits,
+    )
 }
 
 /// Returns the line that names the address of the status page.

@@ -5,7 +5,7 @@ use super::exposure::exposure;
 use super::file::{self, ConfigFile};
 use super::look::look;
 use super::planes::planes;
-use super::range::{Result, millis, power_of_two, set, within};
+use super::range::{Result, millis, power_of_two, set, whole, within};
 use super::registration::{dictionaries, registration};
 use super::renamed::renamed;
 use super::{
@@ -311,17 +311,18 @@ fn status(file: file::Status, out: &mut StatusConfig) -> Result<()> {
             ),
         ));
     }
-    if let Some(quality) = file.stream_quality {
-        out.stream_quality = u8::try_from(quality)
-            .ok()
-            .filter(|q| (1..=100).contains(q))
-            .ok_or_else(|| {
-                Fault::new(
-                    "status.stream_quality",
-                    format!("expected a whole number from 1 to 100, found {quality}"),
-                )
-            })?;
-    }
+    let quality = whole("status.stream_quality", file.stream_quality, 1..=100)?;
+    set(&mut out.stream_quality, quality.map(|q| q as u8));
+    set(
+        &mut out.viewers,
+        whole("status.viewers", file.viewers, 1..=4096)?,
+    );
+    let rate = whole(
+        "status.stream_mbit_per_s",
+        file.stream_mbit_per_s,
+        1..=100_000,
+    )?;
+    set(&mut out.stream_mbit_per_s, rate);
     Ok(())
 }
 

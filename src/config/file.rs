@@ -186,6 +186,8 @@ pub(super) struct Status {
     pub listen: Option<String>,
     pub token: Option<String>,
     pub stream_quality: Option<u32>,
+    pub viewers: Option<u32>,
+    pub stream_mbit_per_s: Option<u32>,
     pub guide: Option<String>,
 }
 

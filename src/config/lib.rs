@@ -323,6 +323,10 @@ pub struct StatusConfig {
     pub token: Option<String>,
     /// JPEG quality of the stream, 1..=100.
     pub stream_quality: u8,
+    /// Maximum number of viewers of the stream, 1..=4096.
+    pub viewers: u32,
+    /// What each stream sends to all its viewers together at most, megabits per second.
+    pub stream_mbit_per_s: u32,
     /// The printed sheet through whose set-up the page guides: a PDF.
     pub guide: Option<PathBuf>,
 }
@@ -334,6 +338,8 @@ impl fmt::Debug for StatusConfig {
             .field("listen", &self.listen)
             .field("token", &self.token.as_ref().map(|_| "(set)"))
             .field("stream_quality", &self.stream_quality)
+            .field("viewers", &self.viewers)
+            .field("stream_mbit_per_s", &self.stream_mbit_per_s)
             .field("guide", &self.guide)
             .finish()
     }
@@ -443,6 +449,8 @@ impl Default for StatusConfig {
             listen: SocketAddr::from((Ipv4Addr::LOCALHOST, 8780)),
             token: None,
             stream_quality: 80,
+            viewers: 16,
+            stream_mbit_per_s: 500,
             guide: None,
         }
     }

@@ -76,6 +76,7 @@ mod composites;
 pub mod recorder;
 pub mod service;
 pub mod simulate;
+pub mod synced_file;
 pub mod wall_date;
 
 pub use composites::Composites;

@@ -5,6 +5,7 @@
 use crate::composites::{CompositeQueue, Composites, EncodedComposite};
 use crate::error::RigError;
 use crate::source::RigFiles;
+use crate::synced_file::{SyncedFile, sync_folder_of};
 use crate::wall_date::utc_now;
 use crossbeam_channel::{Receiver, RecvTimeoutError, bounded};
 use penumbra_capture::{Hub, RecorderQueue};
@@ -26,12 +27,17 @@ use std::time::Duration;
 
 /// Capacity of the queue, events: several seconds of all streams. Its bytes are limited separately.
 const QUEUE_CAPACITY: usize = 16_384;
-/// Interval of flushes. A killed recorder loses little more than this.
-const FLUSH_EVERY: Duration = Duration::from_millis(500);
+/// Interval of flushes, each of which waits for the disk. A power cut loses this and the time of
+/// one flush.
+const FLUSH_EVERY: Duration = Duration::from_millis(250);
+/// At the end of a recording, pictures that take longer to encode are left out.
+const ENCODING_LIMIT: Duration = Duration::from_millis(500);
 /// A write that takes longer means that the disk is slow.
 const SLOW_WRITE: Duration = Duration::from_millis(250);
+/// With longer flushes a power cut loses more than a second.
+const SLOW_FLUSH: Duration = Duration::from_millis(750);
 
-/// A file that a recording is written to.
+/// A file that a recording is written to. Its `flush` returns when its bytes are on the disk.
 pub trait RecordingFile: Write + Seek + Send {}
 
 impl<T: Write + Seek + Send> RecordingFile for T {}
@@ -71,7 +77,7 @@ impl Recorder {
             contents,
             config,
             status,
-            Box::new(|file| Box::new(file)),
+            Box::new(|file| Box::new(SyncedFile::new(file))),
         )
     }
 
@@ -174,6 +180,7 @@ impl Recorder {
             started: SystemClock.now(),
             flushed: SystemClock.now(),
             slowest: Duration::ZERO,
+            slowest_flush: Duration::ZERO,
             recording: Recording {
                 file: Some(path.display().to_string()),
                 composite,
@@ -268,6 +275,8 @@ struct Job {
     flushed: MonotonicTime,
     /// Duration of the longest write.
     slowest: Duration,
+    /// Duration of the longest flush.
+    slowest_flush: Duration,
     recording: Recording,
 }
 
@@ -289,20 +298,22 @@ impl Job {
         for file in self.files.all() {
             self.writer.attach(&file.name, &file.data)?;
         }
+        sync_folder_of(&self.path);
         loop {
             if self.stop.load(Ordering::Relaxed) {
                 return Ok(End::Regular("Finished."));
             }
-            match self.queue.recv_timeout(FLUSH_EVERY / 4) {
-                Ok(event) => self.timed(|job| job.write(&event))?,
+            match self.queue.recv_timeout(FLUSH_EVERY / 2) {
+                Ok(event) => self.timed_write(|job| job.write(&event))?,
                 Err(RecvTimeoutError::Timeout) => (),
                 Err(RecvTimeoutError::Disconnected) => return Ok(End::Regular("Finished.")),
             }
-            self.timed(Self::write_composites)?;
+            self.timed_write(Self::write_composites)?;
             let now = SystemClock.now();
             if now >= self.flushed + FLUSH_EVERY {
                 self.flushed = now;
-                self.timed(|job| job.writer.flush())?;
+                let took = self.timed(|job| job.writer.flush())?;
+                self.slowest_flush = self.slowest_flush.max(took);
                 self.publish();
                 if self.free().is_some_and(|free| free < self.reserve_bytes) {
                     return Ok(End::Reserve);
@@ -318,15 +329,24 @@ impl Job {
     }
 
     /// Writes, and notes how long that takes.
-    fn timed(
+    fn timed_write(
         &mut self,
         write: impl FnOnce(&mut Self) -> Result<(), SessionError>,
     ) -> Result<(), SessionError> {
+        let took = self.timed(write)?;
+        self.slowest = self.slowest.max(took);
+        Ok(())
+    }
+
+    /// Returns how long a write takes.
+    fn timed(
+        &mut self,
+        write: impl FnOnce(&mut Self) -> Result<(), SessionError>,
+    ) -> Result<Duration, SessionError> {
         let begun = SystemClock.now();
-        let outcome = write(self);
+        write(self)?;
         let nanos = SystemClock.now().nanos_since(begun).max(0);
-        self.slowest = self.slowest.max(Duration::from_nanos(nanos.unsigned_abs()));
-        outcome
+        Ok(Duration::from_nanos(nanos.unsigned_abs()))
     }
 
     /// Writes an event. An event that cannot be encoded is dropped and counted; an error of the
@@ -380,7 +400,7 @@ impl Job {
             job.composites
                 .as_ref()?
                 .encoded
-                .recv_timeout(FLUSH_EVERY)
+                .recv_timeout(ENCODING_LIMIT)
                 .ok()
         };
         while let Some(composite) = next(self) {
@@ -442,6 +462,12 @@ impl Job {
         recording.description = if self.slowest > SLOW_WRITE {
             let seconds = self.slowest.as_secs_f64();
             format!("Recording; the disk is slow: a write took {seconds:.1} s.")
+        } else if self.slowest_flush > SLOW_FLUSH {
+            let seconds = self.slowest_flush.as_secs_f64();
+            format!(
+                "Recording; the disk is slow: it took {seconds:.1} s to confirm what was written, and \
+                 a power cut loses that time, too."
+            )
         } else {
             "Recording.".to_owned()
         };

@@ -6,6 +6,7 @@ use axum::Json;
 use axum::body::Bytes;
 use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::{IntoResponse, Response};
+use penumbra_config::StatusConfig;
 use penumbra_picture::Picture;
 use serde_json::json;
 use std::sync::Arc;
@@ -13,19 +14,59 @@ use std::time::Duration;
 use tokio::sync::{Mutex, Semaphore, watch};
 use tokio::time::{Instant, sleep_until};
 
-/// Maximum number of viewers.
-pub const MAX_STREAMS: usize = 16;
-/// JPEG quality of the stream.
-const STREAM_QUALITY: u8 = 85;
+/// Timeout of a client that does not read.
+const STALL_LIMIT: Duration = Duration::from_secs(20);
 /// Minimum interval between encoded pictures (30 Hz); more would take processor time from the rig.
 const STREAM_INTERVAL: Duration = Duration::from_millis(33);
 /// Content type of a page.
 pub(super) const HTML: &str = "text/html; charset=utf-8";
 
+/// What the streams may use.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct StreamLimits {
+    /// JPEG quality, 1..=100.
+    pub quality: u8,
+    /// Maximum number of viewers.
+    pub viewers: usize,
+    /// What a stream sends to all its viewers together at most, bytes per second. It limits the
+    /// processor time that viewers take from the rig: without it a thousand viewers on a fast network
+    /// would take all.
+    pub bytes_per_second: u64,
+    /// Timeout of a client that does not read.
+    pub stall: Duration,
+}
+
+impl Default for StreamLimits {
+    fn default() -> Self {
+        Self::from(&StatusConfig::default())
+    }
+}
+
+impl From<&StatusConfig> for StreamLimits {
+    fn from(config: &StatusConfig) -> Self {
+        Self {
+            quality: config.stream_quality,
+            viewers: config.viewers as usize,
+            bytes_per_second: u64::from(config.stream_mbit_per_s) * (1_000_000 / 8),
+            stall: STALL_LIMIT,
+        }
+    }
+}
+
+impl StreamLimits {
+    /// Returns the time from a picture of `bytes` to the next one.
+    fn interval(&self, bytes: usize, viewers: u32) -> Duration {
+        let all = bytes as f64 * f64::from(viewers);
+        let needed = Duration::from_secs_f64(all / self.bytes_per_second.max(1) as f64);
+        needed.max(STREAM_INTERVAL)
+    }
+}
+
 /// State shared by the routes.
 #[derive(Clone)]
 pub struct App {
     pub(super) shared: Arc<SharedStatus>,
+    pub(super) limits: StreamLimits,
     composite: Encoded,
     pair: Encoded,
     pub(super) streams: Arc<Semaphore>,
@@ -43,8 +84,8 @@ struct Encoded {
 }
 
 impl Encoded {
-    fn new() -> Result<Self, EncodeError> {
-        let encoder = JpegEncoder::new(STREAM_QUALITY)?;
+    fn new(quality: u8) -> Result<Self, EncodeError> {
+        let encoder = JpegEncoder::new(quality)?;
         Ok(Self {
             parts: watch::Sender::new(None),
             encoder: Arc::new(std::sync::Mutex::new(encoder)),
@@ -57,12 +98,13 @@ impl App {
     ///
     /// # Errors
     /// The JPEG encoder cannot allocate.
-    pub fn new(shared: Arc<SharedStatus>) -> Result<Self, EncodeError> {
+    pub fn new(shared: Arc<SharedStatus>, limits: StreamLimits) -> Result<Self, EncodeError> {
         Ok(Self {
             shared,
-            composite: Encoded::new()?,
-            pair: Encoded::new()?,
-            streams: Arc::new(Semaphore::new(MAX_STREAMS)),
+            limits,
+            composite: Encoded::new(limits.quality)?,
+            pair: Encoded::new(limits.quality)?,
+            streams: Arc::new(Semaphore::new(limits.viewers)),
             uploads: Arc::new(Semaphore::new(1)),
             snapshot_png: Arc::default(),
             environment_png: Arc::default(),
@@ -99,12 +141,24 @@ impl App {
                 _ = watchers.changed() => continue,
                 _ = pictures.changed() => {}
             }
-            let next = Instant::now() + STREAM_INTERVAL;
+            let began = Instant::now();
             let picture = pictures.borrow_and_update().clone();
             if let Some(picture) = picture {
                 self.encode(view, picture).await;
             }
-            sleep_until(next).await;
+            let bytes = self
+                .encoded(view)
+                .parts
+                .borrow()
+                .as_ref()
+                .map_or(0, Bytes::len);
+            let interval = self.limits.interval(bytes, *watchers.borrow());
+            if interval > STREAM_INTERVAL {
+                // Until shortly before the next picture is due, the rig need not read any back.
+                let _pause = self.shared.pause_pictures(view);
+                sleep_until(began + interval - STREAM_INTERVAL).await;
+            }
+            sleep_until(began + interval).await;
         }
     }
 

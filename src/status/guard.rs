@@ -56,11 +56,11 @@ pub struct Gate {
 }
 
 impl Gate {
-    /// Creates the guard's state.
-    pub fn new(token: Option<Arc<Token>>) -> Self {
+    /// Creates the guard's state, with places for so many viewers.
+    pub fn new(token: Option<Arc<Token>>, viewers: usize) -> Self {
         Self {
             token,
-            places: Places::default(),
+            places: Places::new(viewers),
         }
     }
 }

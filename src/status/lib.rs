@@ -8,6 +8,7 @@
 mod app;
 pub mod calibration;
 mod calibration_routes;
+mod descriptors;
 pub mod fields;
 mod guard;
 pub mod guide;
@@ -34,6 +35,7 @@ mod stall;
 pub mod stream;
 pub mod times;
 
+pub use app::StreamLimits;
 pub use fields::STATUS_FIELDS;
 pub use guide::GuideStatus;
 pub use penumbra_config::token::is_token;

@@ -16,6 +16,8 @@ use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 
 /// Maximum number of requests that are served at a time.
 pub(super) const MAX_REQUESTS: usize = 112;
+/// The paths of streams, which have places of their own.
+const STREAM_PATHS: [&str; 2] = ["/stream.mjpeg", "/compare.mjpeg"];
 /// Further places for health, status and metrics.
 const RESERVED: usize = 16;
 /// The paths with reserved places.
@@ -26,22 +28,27 @@ const RESERVED_PATHS: [&str; 3] = ["/healthz", "/status", "/metrics"];
 pub(super) struct Places {
     requests: Arc<Semaphore>,
     reserved: Arc<Semaphore>,
-}
-
-impl Default for Places {
-    fn default() -> Self {
-        Self {
-            requests: Arc::new(Semaphore::new(MAX_REQUESTS)),
-            reserved: Arc::new(Semaphore::new(RESERVED)),
-        }
-    }
+    streams: Arc<Semaphore>,
 }
 
 impl Places {
+    /// The places for requests, among them this many for streams.
+    pub fn new(viewers: usize) -> Self {
+        Self {
+            requests: Arc::new(Semaphore::new(MAX_REQUESTS)),
+            reserved: Arc::new(Semaphore::new(RESERVED)),
+            streams: Arc::new(Semaphore::new(viewers)),
+        }
+    }
+
     /// Takes a place for a request to `path`; `None` if there is none.
     pub fn take(&self, path: &str) -> Option<OwnedSemaphorePermit> {
-        let reserved = RESERVED_PATHS.contains(&path).then_some(&self.reserved);
-        let mut pools = reserved.into_iter().chain([&self.requests]);
+        let own = match path {
+            path if RESERVED_PATHS.contains(&path) => Some(&self.reserved),
+            path if STREAM_PATHS.contains(&path) => Some(&self.streams),
+            _ => None,
+        };
+        let mut pools = own.into_iter().chain([&self.requests]);
         pools.find_map(|pool| Arc::clone(pool).try_acquire_owned().ok())
     }
 }
@@ -119,13 +126,23 @@ mod tests {
 
     #[test]
     fn health_has_places_when_all_others_are_taken() {
-        let places = Places::default();
+        let places = Places::new(0);
         let taken: Vec<_> = std::iter::from_fn(|| places.take("/snapshot.png")).collect();
         assert_eq!(taken.len(), MAX_REQUESTS);
         let reserved: Vec<_> = std::iter::from_fn(|| places.take("/healthz")).collect();
         assert_eq!(reserved.len(), RESERVED);
         drop(taken);
         assert!(places.take("/status").is_some());
+    }
+
+    #[test]
+    fn viewers_take_places_of_others_only_when_theirs_are_taken() {
+        let places = Places::new(1000);
+        let viewers: Vec<_> = std::iter::from_fn(|| places.take("/stream.mjpeg"))
+            .take(1000)
+            .collect();
+        let others: Vec<_> = std::iter::from_fn(|| places.take("/snapshot.png")).collect();
+        assert_eq!((viewers.len(), others.len()), (1000, MAX_REQUESTS));
     }
 
     #[test]

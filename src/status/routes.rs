@@ -1,6 +1,6 @@
 //! The HTTP routes.
 
-use super::app::{App, HTML, MAX_STREAMS, PngCache, is_json, problem};
+use super::app::{App, HTML, PngCache, is_json, problem};
 use super::calibration_routes;
 use super::guard::{self, Gate, Token};
 use super::health::health;
@@ -36,7 +36,7 @@ const MAX_BODY: usize = 16 * 1024;
 
 /// All routes behind the guard.
 pub fn router(app: App, token: Option<Arc<Token>>) -> Router {
-    let gate = Gate::new(token);
+    let gate = Gate::new(token, app.limits.viewers);
     Router::new()
         .route(
             "/",
@@ -250,7 +250,10 @@ async fn objects(State(app): State<App>, headers: HeaderMap, body: Bytes) -> Res
 /// Streams the newest pictures. A slow client skips pictures and delays no other.
 async fn stream(State(app): State<App>, view: View) -> Response {
     let Ok(seat) = Arc::clone(&app.streams).try_acquire_owned() else {
-        let text = format!("{MAX_STREAMS} viewers are connected already; close one of them\n");
+        let text = format!(
+            "{} viewers are connected already; close one of them, or raise `viewers` in [status]\n",
+            app.limits.viewers
+        );
         return (StatusCode::SERVICE_UNAVAILABLE, text).into_response();
     };
     let body = Body::from_stream(parts(&app, view, (seat, app.shared.count_viewer(view))));

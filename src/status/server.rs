@@ -1,6 +1,7 @@
 //! The socket and its limits.
 
-use super::app::App;
+use super::app::{App, StreamLimits};
+use super::descriptors;
 use super::guard::Token;
 use super::places::Activity;
 use super::routes;
@@ -13,6 +14,7 @@ use hyper::body::Incoming;
 use hyper::server::conn::http1;
 use hyper_util::rt::{TokioIo, TokioTimer};
 use hyper_util::service::TowerToHyperService;
+use socket2::SockRef;
 use std::convert::Infallible;
 use std::future::Future;
 use std::io;
@@ -27,15 +29,18 @@ use tokio::task::{AbortHandle, JoinSet};
 pub const DEFAULT_LISTEN: SocketAddr =
     SocketAddr::new(std::net::IpAddr::V4(Ipv4Addr::LOCALHOST), 8780);
 
-/// Maximum number of connections; a browser holds up to six. More than there are places for
-/// requests, so that one of them is idle.
-const MAX_CONNECTIONS: usize = 256;
+/// Maximum number of connections besides those of viewers; a browser holds up to six. More than
+/// there are places for requests, so that one of them is idle.
+const MAX_CONNECTIONS: usize = 240;
+/// File descriptors that the program has open besides connections, generously.
+const OTHER_DESCRIPTORS: usize = 256;
 /// Timeout of a request's header and of an idle connection.
 const HEADER_LIMIT: Duration = Duration::from_secs(15);
-/// Timeout of a client that does not read.
-const STALL_LIMIT: Duration = Duration::from_secs(20);
 /// Buffer per connection and direction, bytes: about one picture.
 const BUFFER_BYTES: usize = 64 * 1024;
+/// The system's buffer of what is sent on a connection, bytes. By default Linux lets it grow to
+/// 4 MB for each viewer that does not read, and to pictures that are seconds old for a slow one.
+const SEND_BUFFER_BYTES: usize = 192 * 1024;
 
 /// The server could not be set up.
 #[derive(Debug, Error)]
@@ -80,6 +85,7 @@ pub struct StatusServer {
     local_addr: SocketAddr,
     app: App,
     router: Router,
+    bounds: Bounds,
 }
 
 impl StatusServer {
@@ -92,19 +98,38 @@ impl StatusServer {
         token: Option<String>,
         shared: Arc<SharedStatus>,
     ) -> Result<Self, StatusError> {
+        Self::bind_with(listen, token, shared, StreamLimits::default())
+    }
+
+    /// As [`Self::bind`], with other limits of the streams.
+    ///
+    /// # Errors
+    /// As [`Self::bind`].
+    pub fn bind_with(
+        listen: SocketAddr,
+        token: Option<String>,
+        shared: Arc<SharedStatus>,
+        limits: StreamLimits,
+    ) -> Result<Self, StatusError> {
         let token = match token {
             Some(text) => Some(Token::new(text).ok_or(StatusError::BadToken)?),
             None if listen.ip().is_loopback() => None,
             None => return Err(StatusError::TokenNeeded { listen }),
         };
         let (listener, local_addr) = take_port(listen)?;
-        let app = App::new(shared)?;
+        let max_connections = MAX_CONNECTIONS + limits.viewers;
+        descriptors::allow(max_connections + OTHER_DESCRIPTORS);
+        let app = App::new(shared, limits)?;
         let router = routes::router(app.clone(), token.map(Arc::new));
         Ok(Self {
             listener,
             local_addr,
             app,
             router,
+            bounds: Bounds {
+                connections: max_connections,
+                stall: limits.stall,
+            },
         })
     }
 
@@ -124,7 +149,7 @@ impl StatusServer {
         let listener = tokio::net::TcpListener::from_std(self.listener).map_err(failed)?;
         tokio::select! {
             () = shutdown => {}
-            () = accept(listener, self.router) => {}
+            () = accept(listener, self.router, self.bounds) => {}
             () = self.app.stream_pictures(View::Composite) => {}
             () = self.app.stream_pictures(View::Pair) => {}
         }
@@ -135,6 +160,8 @@ impl StatusServer {
 fn take_port(listen: SocketAddr) -> Result<(TcpListener, SocketAddr), StatusError> {
     let bound = TcpListener::bind(listen).and_then(|listener| {
         listener.set_nonblocking(true)?;
+        // Connections inherit it.
+        SockRef::from(&listener).set_send_buffer_size(SEND_BUFFER_BYTES)?;
         let address = listener.local_addr()?;
         Ok((listener, address))
     });
@@ -155,19 +182,36 @@ fn bracketed(listen: SocketAddr) -> String {
     }
 }
 
+/// What the clients may take.
+#[derive(Clone, Copy)]
+struct Bounds {
+    /// Maximum number of connections.
+    connections: usize,
+    /// Timeout of a client that does not read.
+    stall: Duration,
+}
+
 /// The open connections.
-#[derive(Default)]
 struct Connections {
+    bounds: Bounds,
     tasks: JoinSet<()>,
     open: Vec<(Arc<Activity>, AbortHandle)>,
 }
 
 impl Connections {
+    fn new(bounds: Bounds) -> Self {
+        Self {
+            bounds,
+            tasks: JoinSet::new(),
+            open: Vec::new(),
+        }
+    }
+
     /// Makes room for one more: closes the connection that has been idle for longest.
     fn make_room(&mut self) -> bool {
         while self.tasks.try_join_next().is_some() {}
         self.open.retain(|(_, task)| !task.is_finished());
-        if self.open.len() < MAX_CONNECTIONS {
+        if self.open.len() < self.bounds.connections {
             return true;
         }
         let idle = self.open.iter().enumerate();
@@ -185,21 +229,23 @@ impl Connections {
             router: TowerToHyperService::new(router),
             activity: Arc::clone(&activity),
         };
-        let task = self.tasks.spawn(converse(socket, service));
+        let stall = self.bounds.stall;
+        let task = self.tasks.spawn(converse(socket, stall, service));
         self.open.push((activity, task));
     }
 }
 
 /// Accepts connections until the future is dropped, which closes all of them.
-async fn accept(listener: tokio::net::TcpListener, router: Router) {
-    let mut connections = Connections::default();
+async fn accept(listener: tokio::net::TcpListener, router: Router, bounds: Bounds) {
+    let most = bounds.connections;
+    let mut connections = Connections::new(bounds);
     loop {
         match listener.accept().await {
             Ok((socket, _)) if connections.make_room() => {
                 connections.add(socket, router.clone());
             }
             // Closing at once leaves the server able to answer those it has.
-            Ok(_) => tracing::debug!("more than {MAX_CONNECTIONS} busy connections; one refused"),
+            Ok(_) => tracing::debug!("more than {most} busy connections; one refused"),
             // Out of descriptors, most likely: trying again at once would spin.
             Err(_) => tokio::time::sleep(Duration::from_millis(100)).await,
         }
@@ -224,10 +270,10 @@ impl hyper::service::Service<Request<Incoming>> for Service {
     }
 }
 
-async fn converse(socket: TcpStream, service: Service) {
+async fn converse(socket: TcpStream, stall: Duration, service: Service) {
     // Otherwise a small response may wait for the acknowledgement of the previous one.
     let _ = socket.set_nodelay(true);
-    let io = TokioIo::new(StallGuard::new(socket, STALL_LIMIT));
+    let io = TokioIo::new(StallGuard::new(socket, stall));
     let connection = http1::Builder::new()
         .timer(TokioTimer::new())
         .header_read_timeout(HEADER_LIMIT)

@@ -12,7 +12,7 @@ use super::settings::{Settings, SettingsChange, SettingsError};
 use super::snapshot::Snapshot;
 use penumbra_interface::{Clock, MonotonicTime, SystemClock};
 use penumbra_picture::Picture;
-use std::sync::atomic::{AtomicU32, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 use tokio::sync::watch;
 
@@ -174,13 +174,20 @@ impl SharedStatus {
     /// Whether a viewer needs the picture to be read back.
     #[must_use]
     pub fn wants_picture(&self) -> bool {
-        *self.composite.watchers.borrow() > 0 || self.askers.load(Ordering::Relaxed) > 0
+        self.composite.is_watched() || self.askers.load(Ordering::Relaxed) > 0
     }
 
     /// Whether a viewer compares the picture with the camera's.
     #[must_use]
     pub fn wants_pair(&self) -> bool {
-        *self.pair.watchers.borrow() > 0
+        self.pair.is_watched()
+    }
+
+    /// A stream needs no pictures until the guard is dropped.
+    #[must_use]
+    pub fn pause_pictures(self: &Arc<Self>, view: View) -> Pausing {
+        self.outlet(view).is_paused.store(true, Ordering::Relaxed);
+        Pausing(Arc::clone(self), view)
     }
 
     const fn outlet(&self, view: View) -> &Outlet {
@@ -399,6 +406,14 @@ pub enum View {
 struct Outlet {
     pictures: watch::Sender<Option<Arc<Picture>>>,
     watchers: watch::Sender<u32>,
+    /// The viewers have the last picture for a while.
+    is_paused: AtomicBool,
+}
+
+impl Outlet {
+    fn is_watched(&self) -> bool {
+        *self.watchers.borrow() > 0 && !self.is_paused.load(Ordering::Relaxed)
+    }
 }
 
 impl Default for Outlet {
@@ -406,6 +421,7 @@ impl Default for Outlet {
         Self {
             pictures: watch::Sender::new(None),
             watchers: watch::Sender::new(0),
+            is_paused: AtomicBool::new(false),
         }
     }
 }
@@ -417,6 +433,16 @@ impl Drop for Watching {
     fn drop(&mut self) {
         let watchers = &self.0.outlet(self.1).watchers;
         watchers.send_modify(|n| *n = n.saturating_sub(1));
+    }
+}
+
+/// Guard of a time in which a stream needs no pictures.
+pub struct Pausing(Arc<SharedStatus>, View);
+
+impl Drop for Pausing {
+    fn drop(&mut self) {
+        let paused = &self.0.outlet(self.1).is_paused;
+        paused.store(false, Ordering::Relaxed);
     }
 }
 

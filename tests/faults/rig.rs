@@ -6,6 +6,7 @@ use penumbra_config::{CameraSource, Config, LightPlaces, TrackerSource};
 use penumbra_faulty::{FaultSwitch, FaultyDisk, SwitchedCamera, SwitchedTracker};
 use penumbra_interface::{Camera, DeviceFactory, DeviceKind, Tracker, threads};
 use penumbra_rig::service::Service;
+use penumbra_rig::synced_file::SyncedFile;
 use penumbra_rig::{Live, Recorder, Report, RigError, RunOptions, Runner, Source, live_settings};
 use penumbra_status::snapshot::Device;
 use penumbra_status::{SharedStatus, Snapshot, StatusServer};
@@ -68,7 +69,7 @@ impl Rig {
             files,
             config.recording.clone(),
             status.clone(),
-            Box::new(move |file| Box::new(faulty.file(file))),
+            Box::new(move |file| Box::new(faulty.file(SyncedFile::new(file)))),
         );
         status.set_recorder(recorder.clone());
         let any_port = SocketAddr::from(([127, 0, 0, 1], 0));

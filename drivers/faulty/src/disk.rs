@@ -13,6 +13,7 @@ pub struct FaultyDisk(Arc<Faults>);
 struct Faults {
     is_full: AtomicBool,
     delay_millis: AtomicU64,
+    flushed_bytes: AtomicU64,
 }
 
 impl FaultyDisk {
@@ -25,6 +26,12 @@ impl FaultyDisk {
     pub fn set_delay(&self, delay: Duration) {
         let millis = delay.as_millis() as u64;
         self.0.delay_millis.store(millis, Ordering::Relaxed);
+    }
+
+    /// Length of the file that was flushed last, as it was then: what a power cut leaves of a file
+    /// that only grows.
+    pub fn flushed_bytes(&self) -> u64 {
+        self.0.flushed_bytes.load(Ordering::Relaxed)
     }
 
     /// A file on this disk.
@@ -44,11 +51,12 @@ pub struct FaultyFile<F> {
     disk: FaultyDisk,
 }
 
-impl<F: Write> Write for FaultyFile<F> {
+impl<F: Write + Seek> Write for FaultyFile<F> {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
         let Faults {
             is_full,
             delay_millis,
+            ..
         } = &*self.disk.0;
         let delay = delay_millis.load(Ordering::Relaxed);
         if delay > 0 {
@@ -61,7 +69,10 @@ impl<F: Write> Write for FaultyFile<F> {
     }
 
     fn flush(&mut self) -> io::Result<()> {
-        self.inner.flush()
+        self.inner.flush()?;
+        let flushed = &self.disk.0.flushed_bytes;
+        flushed.store(self.inner.stream_position()?, Ordering::Relaxed);
+        Ok(())
     }
 }
 
@@ -74,6 +85,17 @@ impl<F: Seek> Seek for FaultyFile<F> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn flushed_bytes_are_those_of_the_last_flush() {
+        let disk = FaultyDisk::default();
+        let mut file = disk.file(io::Cursor::new(Vec::new()));
+        file.write_all(b"ab").unwrap();
+        assert_eq!(disk.flushed_bytes(), 0);
+        file.flush().unwrap();
+        file.write_all(b"c").unwrap();
+        assert_eq!(disk.flushed_bytes(), 2);
+    }
 
     #[test]
     fn full_disk_takes_nothing_until_it_has_space() {

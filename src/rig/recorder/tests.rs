@@ -231,6 +231,7 @@ fn full_disk_ends_the_recording_as_failed() {
         started: SystemClock.now(),
         flushed: SystemClock.now(),
         slowest: Duration::ZERO,
+        slowest_flush: Duration::ZERO,
         recording: Recording::default(),
     };
     hub.set_recorder(Some(RecorderQueue::new(
@@ -255,18 +256,8 @@ fn full_disk_ends_the_recording_as_failed() {
 #[test]
 fn slow_disk_is_named_and_loses_nothing() {
     let folder = tempfile::tempdir().unwrap();
-    let hub = Hub::new(Arc::new(SystemClock), false);
-    let status = SharedStatus::new(Settings::default());
-    let config = RecordingConfig {
-        folder: folder.path().to_owned(),
-        reserve_bytes: 0,
-        ..RecordingConfig::default()
-    };
     let disk = FaultyDisk::default();
-    let faulty = disk.clone();
-    let wrap: WrapFile = Box::new(move |file| Box::new(faulty.file(file)));
-    let contents = (Arc::default(), Arc::default());
-    let recorder = Recorder::on_disk(hub.clone(), contents, config, status.clone(), wrap);
+    let (hub, status, recorder) = recorder_on(&disk, folder.path());
     recorder
         .start(&folder.path().join("a.mcap"), None, false)
         .unwrap();
@@ -279,6 +270,54 @@ fn slow_disk_is_named_and_loses_nothing() {
     disk.set_delay(Duration::ZERO);
     let recording = recorder.stop().unwrap();
     assert_eq!((recording.events, recording.dropped), (20, 0));
+}
+
+/// Records onto a disk whose faults can be switched.
+fn recorder_on(disk: &FaultyDisk, folder: &Path) -> (Arc<Hub>, Arc<SharedStatus>, Arc<Recorder>) {
+    let hub = Hub::new(Arc::new(SystemClock), false);
+    let status = SharedStatus::new(Settings::default());
+    let config = RecordingConfig {
+        folder: folder.to_owned(),
+        reserve_bytes: 0,
+        ..RecordingConfig::default()
+    };
+    let faulty = disk.clone();
+    let wrap: WrapFile = Box::new(move |file| Box::new(faulty.file(SyncedFile::new(file))));
+    let contents = (Arc::default(), Arc::default());
+    let recorder = Recorder::on_disk(hub.clone(), contents, config, status.clone(), wrap);
+    (hub, status, recorder)
+}
+
+/// What a power cut would leave: the file up to its last flush. The complete test is
+/// `make power-cut`.
+#[test]
+fn recording_is_on_the_disk_but_for_its_last_second() {
+    let folder = tempfile::tempdir().unwrap();
+    let disk = FaultyDisk::default();
+    let (hub, _, recorder) = recorder_on(&disk, folder.path());
+    let path = folder.path().join("a.mcap");
+    recorder.start(&path, None, false).unwrap();
+    let begun = SystemClock.now();
+    let mut losses = Vec::new();
+    for n in 0..300 {
+        hub.deliver(frame(n));
+        std::thread::sleep(Duration::from_millis(10));
+        if n % 19 == 0 && n > 120 {
+            let left = folder.path().join("left.mcap");
+            let flushed = disk.flushed_bytes() as usize;
+            let bytes = std::fs::read(&path).unwrap();
+            std::fs::write(&left, &bytes[..flushed]).unwrap();
+            let now = SystemClock.now();
+            let session = Session::open(&left).unwrap();
+            let last = session.events().filter_map(Result::ok).last();
+            let last = last.map_or(begun, |event| event.arrived_at());
+            losses.push(now.seconds_since(last));
+        }
+    }
+    losses.sort_by(f64::total_cmp);
+    // The processors may be busy with other tests for a moment.
+    assert!(losses[losses.len() / 2] < 1.0, "{losses:?}");
+    assert!(losses[losses.len() - 1] < 3.0, "{losses:?}");
 }
 
 #[test]

@@ -5,5 +5,6 @@
 mod cost;
 mod devices;
 mod faults;
+mod power;
 mod record;
 mod setup;
