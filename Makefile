@@ -1,5 +1,6 @@
 # `make help` lists the targets. Variables: ARGS (additional arguments of the program or the
-# script), SESSION, TABLE_SESSION, TEMPLE_SESSION, TRUTH, RIGS, CARGO_TARGET_DIR; REV, CASES, PAIRS (bench-compare).
+# script), SESSION, TABLE_SESSION, TEMPLE_SESSION, TRUTH, RIGS, CARGO_TARGET_DIR; REV, CASES, PAIRS (bench-compare);
+# SCHEDULES (model).
 SHELL := bash
 .SHELLFLAGS := -eu -o pipefail -c
 .DELETE_ON_ERROR:
@@ -18,6 +19,8 @@ CAMERA ?= auto
 BALL_MM ?= 70
 PAPER ?= a4
 RULER_MM ?= 100
+# Schedules of the model checker.
+SCHEDULES ?= 20000
 PREFIX ?= /usr/local
 SYSCONFDIR ?= /etc
 UNITDIR ?= /etc/systemd/system
@@ -37,7 +40,7 @@ DEMO_PAGE := http://127.0.0.1:8780
 OPEN_PAGE := if [ -n "$(DISPLAY)$(WAYLAND_DISPLAY)" ] && command -v xdg-open >/dev/null; then \
   (for _ in $$(seq 60); do curl -sf $(DEMO_PAGE)/healthz >/dev/null && { xdg-open $(DEMO_PAGE) >/dev/null 2>&1; break; }; sleep 1; done) & fi
 
-.PHONY: announce help demo demo-desk demo-temple demo-lamp demo-webcam build test check docs docs-write unit advisories bench bench-table bench-compare gpu-check fidelity near-lamps calibration faults soak fuzz fmt packages-demo packages-test toolchain clean install uninstall deb tarball deb-proof test-devices power-cut service-proof viewers
+.PHONY: announce help demo demo-desk demo-temple demo-lamp demo-webcam build test check docs docs-write unit advisories bench bench-table bench-compare gpu-check fidelity near-lamps calibration faults soak fuzz fmt packages-demo packages-test toolchain clean install uninstall deb tarball deb-proof test-devices power-cut service-proof viewers model miri sanitize
 
 help: ## This list
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/' | expand -t 14
@@ -132,6 +135,15 @@ faults: toolchain ## Inject 20 kinds of fault, 100 times each, into a live rig; 
 
 soak: build ## Long: memory must stay constant over 10,000 frames of a looped replay
 	@$(UNPACKED) python3 tests/judge/soak.py $(PENUMBRA) $(SESSION) $(ARGS)
+
+model: toolchain ## Check the queues of hub and recorder under SCHEDULES=20000 schedules of two kinds, each model
+	@$(UNPACKED) PENUMBRA_MODEL_SCHEDULES=$(SCHEDULES) .ci/test model
+
+miri: toolchain ## Unsafe code under Miri (needs a nightly toolchain with Miri)
+	@$(UNPACKED) tests/miri/run
+
+sanitize: toolchain ## Live rigs with faults under the address and the thread sanitizer; long; ARGS=thread (needs a nightly toolchain)
+	@$(UNPACKED) tests/sanitize/run $(ARGS)
 
 fuzz: ## Fuzz every byte protocol and the session reader; FUZZ_SECONDS=30 each, ARGS="fastrak csv"
 	@tests/fuzz/run $(ARGS)

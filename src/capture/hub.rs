@@ -2,24 +2,24 @@
 
 use crate::next::Next;
 use crate::recorder_queue::RecorderQueue;
+use crate::sync::{Condvar, Mutex, MutexGuard, limit};
 use crate::tap::FrameTap;
 use penumbra_interface::{Clock, MonotonicTime};
 use penumbra_session::SessionEvent;
 use std::collections::VecDeque;
-use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, PoisonError};
 use std::time::Duration;
 
 /// Maximum number of queued scene camera pictures. Beyond it the oldest is superseded, because the
 /// rig must show the present.
-const MAX_SCENE_PICTURES: usize = 4;
+pub const MAX_SCENE_PICTURES: usize = limit(4, 2);
 /// Maximum number of queued environment camera pictures, including brackets.
-const MAX_ENVIRONMENT_PICTURES: usize = 24;
+pub const MAX_ENVIRONMENT_PICTURES: usize = limit(24, 2);
 /// Maximum number of queued tracker readings: half a minute of the fastest tracker.
-const MAX_TRACKER_READINGS: usize = 4096;
-
+pub const MAX_TRACKER_READINGS: usize = limit(4096, 3);
 /// Maximum number of superseded pictures of which the arrival is kept: two minutes of a consumer that
 /// takes nothing.
-const MAX_SUPERSEDED: usize = 4096;
+pub const MAX_SUPERSEDED: usize = limit(4096, 2);
 
 /// Numbers of deliveries dropped from the full queue.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

@@ -11,6 +11,7 @@
 //! - [`hub`] merges all deliveries into one ordered queue and hands them to the rig, to the
 //!   recorder ([`RecorderQueue`]) and to a calibration step ([`FrameTap`]).
 //! - [`live`] starts all of it for the devices of one rig.
+//! - [`sync`] names what the queues wait with; the model checker replaces it.
 //!
 //! A device thread never waits for the consumers of its data.
 
@@ -25,6 +26,7 @@ mod next;
 mod recorder_queue;
 pub mod source;
 pub mod supervisor;
+pub mod sync;
 pub mod tap;
 pub mod time;
 
@@ -35,7 +37,7 @@ pub use irregular::{IrregularCounts, Irregularity};
 pub use live::{Capture, Devices, LiveDevice};
 pub use monitor::{DeviceMonitor, DeviceState, DeviceStatus};
 pub use next::Next;
-pub use recorder_queue::RecorderQueue;
+pub use recorder_queue::{MAX_RECORDER_BYTES, RecorderQueue};
 pub use supervisor::{Limits, Sink, Supervisor};
 pub use tap::{FrameTap, TapFilter, TapReader};
 pub use time::{StoppableClock, StoppableSystemClock};

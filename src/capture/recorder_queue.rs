@@ -1,12 +1,13 @@
 //! The bounded queue from the hub to a recorder.
 
-use crossbeam_channel::{Sender, TrySendError};
+use crate::sync::atomic::{AtomicU64, Ordering};
+use crate::sync::channel::{Sender, TrySendError};
+use crate::sync::limit;
 use penumbra_session::SessionEvent;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Maximum number of queued bytes.
-const MAX_BYTES: u64 = 256 << 20;
+pub const MAX_RECORDER_BYTES: u64 = limit(256 << 20, 1000) as u64;
 
 /// The sending end of a recorder's queue. Events that do not fit are dropped and counted.
 #[derive(Clone, Debug)]
@@ -35,7 +36,7 @@ impl RecorderQueue {
     /// Sends a copy of `event`, or drops it if the queue is full.
     pub(crate) fn offer(&self, event: &SessionEvent) {
         let size = event.bytes() as u64;
-        if self.waiting_bytes.load(Ordering::Relaxed) + size > MAX_BYTES {
+        if self.waiting_bytes.load(Ordering::Relaxed) + size > MAX_RECORDER_BYTES {
             self.dropped.fetch_add(1, Ordering::Relaxed);
             return;
         }

@@ -2,17 +2,18 @@
 //! consumer does not delay the rig; it misses pictures.
 
 use crate::next::Next;
-use crossbeam_channel::{Receiver, RecvTimeoutError, Sender, bounded};
+use crate::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
+use crate::sync::channel::{Receiver, RecvTimeoutError, Sender, bounded};
+use crate::sync::limit;
 use penumbra_session::SessionEvent;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 use std::time::Duration;
 
 /// Maximum number of queued pictures. While the queue has that many, newer pictures are skipped.
-const MAX_PICTURES: usize = 12;
+pub const MAX_PICTURES: usize = limit(12, 2);
 /// Maximum number of queued events. Apart from pictures these are tracker readings, half a minute
 /// of the fastest tracker.
-const MAX_EVENTS: usize = 8192;
+pub const MAX_EVENTS: usize = limit(8192, 4);
 
 /// Which deliveries a tap passes on.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

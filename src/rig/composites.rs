@@ -2,19 +2,19 @@
 //! that finds the queue full is dropped and counted.
 
 use bytes::Bytes;
-use crossbeam_channel::{Receiver, Sender, TrySendError, bounded};
-use penumbra_interface::threads;
+use penumbra_capture::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use penumbra_capture::sync::channel::{Receiver, Sender, TrySendError, bounded};
+use penumbra_capture::sync::{Mutex, limit, threads};
 use penumbra_interface::{Clock, MonotonicTime, SystemClock};
 use penumbra_picture::Picture;
 use penumbra_status::stream::JpegEncoder;
 use std::io;
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, PoisonError};
 
 /// Pictures that wait to be encoded.
 const PICTURES: usize = 2;
 /// Encoded pictures that wait to be written: a quarter of a second at 60 Hz.
-const ENCODED: usize = 16;
+const ENCODED: usize = limit(16, 2);
 /// JPEG quality, per cent: hardly visible losses.
 const JPEG_QUALITY: u8 = 90;
 
@@ -60,12 +60,12 @@ pub(crate) struct CompositeQueue {
 
 impl Composites {
     /// Whether a recording wants the next picture.
-    pub(crate) fn wanted(&self) -> bool {
+    pub fn wanted(&self) -> bool {
         self.wanted.load(Ordering::Relaxed)
     }
 
     /// Hands a picture over, or drops it.
-    pub(crate) fn offer(&self, picture: &Arc<Picture>, captured_at: MonotonicTime) {
+    pub fn offer(&self, picture: &Arc<Picture>, captured_at: MonotonicTime) {
         let feed = self.feed.lock().unwrap_or_else(PoisonError::into_inner);
         let Some(feed) = &*feed else { return };
         let composed = Composed {

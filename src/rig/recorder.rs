@@ -7,10 +7,11 @@ use crate::error::RigError;
 use crate::source::RigFiles;
 use crate::synced_file::{SyncedFile, sync_folder_of};
 use crate::wall_date::utc_now;
-use crossbeam_channel::{Receiver, RecvTimeoutError, bounded};
+use penumbra_capture::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use penumbra_capture::sync::channel::{Receiver, RecvTimeoutError, bounded};
+use penumbra_capture::sync::{JoinHandle, Mutex, limit, threads};
 use penumbra_capture::{Hub, RecorderQueue};
 use penumbra_config::RecordingConfig;
-use penumbra_interface::threads;
 use penumbra_interface::{Clock, MonotonicTime, SystemClock};
 use penumbra_session::{SessionError, SessionEvent, SessionWriter, new_file};
 use penumbra_status::SharedStatus;
@@ -20,18 +21,14 @@ use penumbra_status::recording::{
 use std::fs::File;
 use std::io::{BufWriter, Seek, Write};
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
-use std::thread::JoinHandle;
+use std::sync::{Arc, PoisonError};
 use std::time::Duration;
 
 /// Capacity of the queue, events: several seconds of all streams. Its bytes are limited separately.
-const QUEUE_CAPACITY: usize = 16_384;
+const QUEUE_CAPACITY: usize = limit(16_384, 4);
 /// Interval of flushes, each of which waits for the disk. A power cut loses this and the time of
 /// one flush.
 const FLUSH_EVERY: Duration = Duration::from_millis(250);
-/// At the end of a recording, pictures that take longer to encode are left out.
-const ENCODING_LIMIT: Duration = Duration::from_millis(500);
 /// A write that takes longer means that the disk is slow.
 const SLOW_WRITE: Duration = Duration::from_millis(250);
 /// With longer flushes a power cut loses more than a second.
@@ -396,13 +393,9 @@ impl Job {
             self.write(&event)?;
         }
         self.composites.iter().for_each(CompositeQueue::close);
-        let next = |job: &Self| {
-            job.composites
-                .as_ref()?
-                .encoded
-                .recv_timeout(ENCODING_LIMIT)
-                .ok()
-        };
+        // Without a time limit: the encoder closes the channel after the last picture, and one that
+        // comes later would be neither written nor counted.
+        let next = |job: &Self| job.composites.as_ref()?.encoded.recv().ok();
         while let Some(composite) = next(self) {
             self.write_composite(composite)?;
         }

@@ -176,7 +176,7 @@ const fn widen(kind: ControlKind, value: i32) -> i64 {
     }
 }
 
-fn control_event(event: &sys::v4l2_event) -> ControlEvent {
+pub(super) fn control_event(event: &sys::v4l2_event) -> ControlEvent {
     // SAFETY: every bit pattern is a valid value of this member. Control events have it.
     let changes = unsafe { event.u.ctrl }.changes;
     let value_changed = changes & sys::V4L2_EVENT_CTRL_CH_VALUE != 0;

@@ -1,4 +1,5 @@
 use super::*;
+use std::io::Write;
 use v4l::{Capabilities, Format, control, format};
 
 #[test]
@@ -33,6 +34,35 @@ fn other_files_than_video_devices_are_not_opened() {
     let missing = V4l2Device::open("/dev/no-such-video".as_ref());
     assert_eq!(missing.err(), Some(Errno::NOENT));
     assert!(V4l2Device::open("/dev/null\0".as_ref()).is_err());
+}
+
+#[test]
+fn only_changes_of_values_of_controls_are_reported() {
+    let event = |type_, changes| {
+        let mut event = sys::v4l2_event {
+            type_,
+            id: 7,
+            ..sys::v4l2_event::zeroed()
+        };
+        event.u.ctrl.changes = changes;
+        let event = controls::control_event(&event);
+        assert_eq!(event.id, 7);
+        event.value_changed
+    };
+    let (value, flags) = (sys::V4L2_EVENT_CTRL_CH_VALUE, sys::V4L2_EVENT_CTRL_CH_FLAGS);
+    assert!(event(sys::V4L2_EVENT_CTRL, value | flags));
+    assert!(!event(sys::V4L2_EVENT_CTRL, flags));
+    assert!(!event(sys::V4L2_EVENT_SOURCE_CHANGE, value));
+}
+
+#[test]
+fn mapping_shows_what_is_asked_for_and_no_more_than_it_has() {
+    let mut file = tempfile::tempfile().unwrap();
+    file.write_all(&[7; 8192]).unwrap();
+    let mapping = Mapping::new(&file, 8192, 0).unwrap();
+    // SAFETY: nobody writes to the file any more.
+    let (some, all) = unsafe { (mapping.bytes(3), mapping.bytes(usize::MAX)) };
+    assert_eq!((some, all), (&[7; 3][..], &[7; 8192][..]));
 }
 
 // Why raw commands replace calls of the crate `v4l`. If one of these tests fails, a newer
