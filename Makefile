@@ -1,5 +1,5 @@
 # `make help` lists the targets. Variables: ARGS (additional arguments of the program or the
-# script), SESSION, TABLE_SESSION, TEMPLE_SESSION, TRUTH, RIGS, CARGO_TARGET_DIR; REV, CASES, PAIRS (bench-compare).
+# script), ADVISORIES, AUDITS, SESSION, TABLE_SESSION, TEMPLE_SESSION, TRUTH, RIGS, CARGO_TARGET_DIR; REV, CASES, PAIRS (bench-compare).
 SHELL := bash
 .SHELLFLAGS := -eu -o pipefail -c
 .DELETE_ON_ERROR:
@@ -37,7 +37,7 @@ DEMO_PAGE := http://127.0.0.1:8780
 OPEN_PAGE := if [ -n "$(DISPLAY)$(WAYLAND_DISPLAY)" ] && command -v xdg-open >/dev/null; then \
   (for _ in $$(seq 60); do curl -sf $(DEMO_PAGE)/healthz >/dev/null && { xdg-open $(DEMO_PAGE) >/dev/null 2>&1; break; }; sleep 1; done) & fi
 
-.PHONY: announce help demo demo-desk demo-temple demo-lamp demo-webcam build test check docs docs-write unit advisories bench bench-table bench-compare gpu-check fidelity near-lamps calibration faults soak fuzz fmt packages-demo packages-test toolchain clean install uninstall deb tarball deb-proof test-devices
+.PHONY: announce help demo demo-desk demo-temple demo-lamp demo-webcam build test check docs docs-write unit advisories vet sbom bench bench-table bench-compare gpu-check fidelity near-lamps calibration faults soak fuzz fmt packages-demo packages-test toolchain clean install uninstall deb tarball deb-proof test-devices
 
 help: ## This list
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/' | expand -t 14
@@ -91,8 +91,15 @@ unit: toolchain ## Rust tests alone
 test-devices: toolchain ## Real kernel cameras and serial ports, in a small VM; ARGS="environment kernel program serial"
 	@tests/devices/run $(ARGS)
 
-advisories: ## Known vulnerabilities of dependencies (needs the network)
-	cargo deny --locked check advisories
+advisories: toolchain ## Known vulnerabilities of dependencies; needs the network, or ADVISORIES=FOLDER, a copy of the list
+	@.ci/test advisories
+
+vet: toolchain ## Every dependency has an audit or an exemption; AUDITS=FOLDER lists published audits in the documentation
+	@.ci/test vet
+	@$(if $(AUDITS),python3 tests/judge/supply_chain.py --audits "$(AUDITS)" --write)
+
+sbom: toolchain ## The libraries in the program with their licences (CycloneDX): target/sbom.cdx.json
+	@.ci/deb --sbom $(TARGET)/sbom.cdx.json
 
 bench: build ## The paper's table 1 on this machine, and the cost of capturing; ARGS="--case supan --json FILE"
 	@$(UNPACKED) $(PENUMBRA) bench $(ARGS)
