@@ -131,7 +131,7 @@ faults: toolchain ## Inject 20 kinds of fault, 100 times each, into a live rig; 
 soak: build ## Long: memory must stay constant over 10,000 frames of a looped replay
 	@$(UNPACKED) python3 tests/judge/soak.py $(PENUMBRA) $(SESSION) $(ARGS)
 
-fuzz: ## Fuzz every byte protocol and the session reader; FUZZ_SECONDS=30 each, ARGS="fastrak csv"
+fuzz: toolchain ## Fuzz protocols, sessions, files, pictures and HTTP; FUZZ_SECONDS=30 each, ARGS="fastrak csv", --minimise, --write
 	@tests/fuzz/run $(ARGS)
 
 install: ## Program, man pages, completions, service, udev rules, user; DESTDIR= PREFIX=/usr/local SYSCONFDIR=/etc. Build first

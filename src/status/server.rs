@@ -20,6 +20,7 @@ use std::net::{Ipv4Addr, SocketAddr, TcpListener};
 use std::sync::Arc;
 use std::time::Duration;
 use thiserror::Error;
+use tokio::io::{AsyncRead, AsyncWrite};
 use tokio::net::TcpStream;
 use tokio::task::{AbortHandle, JoinSet};
 
@@ -78,8 +79,35 @@ pub enum StatusError {
 pub struct StatusServer {
     listener: TcpListener,
     local_addr: SocketAddr,
+    service: StatusService,
+}
+
+/// The status server without a port: it answers requests on any stream.
+#[derive(Clone)]
+pub struct StatusService {
     app: App,
     router: Router,
+}
+
+impl StatusService {
+    /// Creates the service; with a `token`, requests must carry it.
+    ///
+    /// # Errors
+    /// The token is invalid, or the encoder cannot be set up.
+    pub fn new(token: Option<String>, shared: Arc<SharedStatus>) -> Result<Self, StatusError> {
+        let token = token.map(|text| Token::new(text).ok_or(StatusError::BadToken));
+        let app = App::new(shared)?;
+        let router = routes::router(app.clone(), token.transpose()?.map(Arc::new));
+        Ok(Self { app, router })
+    }
+
+    /// Answers the requests of one connection until it ends.
+    pub async fn converse<S>(&self, stream: S)
+    where
+        S: AsyncRead + AsyncWrite + Unpin,
+    {
+        converse(stream, Service::new(self.router.clone(), Activity::new())).await;
+    }
 }
 
 impl StatusServer {
@@ -92,19 +120,15 @@ impl StatusServer {
         token: Option<String>,
         shared: Arc<SharedStatus>,
     ) -> Result<Self, StatusError> {
-        let token = match token {
-            Some(text) => Some(Token::new(text).ok_or(StatusError::BadToken)?),
-            None if listen.ip().is_loopback() => None,
-            None => return Err(StatusError::TokenNeeded { listen }),
-        };
+        if token.is_none() && !listen.ip().is_loopback() {
+            return Err(StatusError::TokenNeeded { listen });
+        }
+        let service = StatusService::new(token, shared)?;
         let (listener, local_addr) = take_port(listen)?;
-        let app = App::new(shared)?;
-        let router = routes::router(app.clone(), token.map(Arc::new));
         Ok(Self {
             listener,
             local_addr,
-            app,
-            router,
+            service,
         })
     }
 
@@ -124,9 +148,9 @@ impl StatusServer {
         let listener = tokio::net::TcpListener::from_std(self.listener).map_err(failed)?;
         tokio::select! {
             () = shutdown => {}
-            () = accept(listener, self.router) => {}
-            () = self.app.stream_pictures(View::Composite) => {}
-            () = self.app.stream_pictures(View::Pair) => {}
+            () = accept(listener, self.service.router) => {}
+            () = self.service.app.stream_pictures(View::Composite) => {}
+            () = self.service.app.stream_pictures(View::Pair) => {}
         }
         Ok(())
     }
@@ -181,10 +205,9 @@ impl Connections {
 
     fn add(&mut self, socket: TcpStream, router: Router) {
         let activity = Activity::new();
-        let service = Service {
-            router: TowerToHyperService::new(router),
-            activity: Arc::clone(&activity),
-        };
+        // Otherwise a small response may wait for the acknowledgement of the previous one.
+        let _ = socket.set_nodelay(true);
+        let service = Service::new(router, Arc::clone(&activity));
         let task = self.tasks.spawn(converse(socket, service));
         self.open.push((activity, task));
     }
@@ -212,6 +235,15 @@ struct Service {
     activity: Arc<Activity>,
 }
 
+impl Service {
+    fn new(router: Router, activity: Arc<Activity>) -> Self {
+        Self {
+            router: TowerToHyperService::new(router),
+            activity,
+        }
+    }
+}
+
 impl hyper::service::Service<Request<Incoming>> for Service {
     type Response = Response;
     type Error = Infallible;
@@ -224,10 +256,11 @@ impl hyper::service::Service<Request<Incoming>> for Service {
     }
 }
 
-async fn converse(socket: TcpStream, service: Service) {
-    // Otherwise a small response may wait for the acknowledgement of the previous one.
-    let _ = socket.set_nodelay(true);
-    let io = TokioIo::new(StallGuard::new(socket, STALL_LIMIT));
+async fn converse<S>(stream: S, service: Service)
+where
+    S: AsyncRead + AsyncWrite + Unpin,
+{
+    let io = TokioIo::new(StallGuard::new(stream, STALL_LIMIT));
     let connection = http1::Builder::new()
         .timer(TokioTimer::new())
         .header_read_timeout(HEADER_LIMIT)
