@@ -1,6 +1,6 @@
 # `make help` lists the targets. Variables: ARGS (additional arguments of the program or the
-# script), SESSION, TABLE_SESSION, TEMPLE_SESSION, TRUTH, RIGS, CARGO_TARGET_DIR; REV, CASES, PAIRS (bench-compare);
-# SCHEDULES (model).
+# script), ADVISORIES, AUDITS, SESSION, TABLE_SESSION, TEMPLE_SESSION, TRUTH, RIGS, CARGO_TARGET_DIR; REV,
+# CASES, PAIRS (bench-compare); SCHEDULES (model).
 SHELL := bash
 .SHELLFLAGS := -eu -o pipefail -c
 .DELETE_ON_ERROR:
@@ -40,7 +40,7 @@ DEMO_PAGE := http://127.0.0.1:8780
 OPEN_PAGE := if [ -n "$(DISPLAY)$(WAYLAND_DISPLAY)" ] && command -v xdg-open >/dev/null; then \
   (for _ in $$(seq 60); do curl -sf $(DEMO_PAGE)/healthz >/dev/null && { xdg-open $(DEMO_PAGE) >/dev/null 2>&1; break; }; sleep 1; done) & fi
 
-.PHONY: announce help demo demo-desk demo-temple demo-lamp demo-webcam build test check docs docs-write unit advisories bench bench-table bench-compare gpu-check fidelity near-lamps calibration faults soak fuzz fmt packages-demo packages-test toolchain clean install uninstall deb tarball deb-proof test-devices power-cut service-proof viewers model miri sanitize
+.PHONY: announce help demo demo-desk demo-temple demo-lamp demo-webcam build test check docs docs-write unit advisories bench bench-table bench-compare gpu-check fidelity near-lamps calibration faults soak fuzz fmt packages-demo packages-test toolchain clean install uninstall deb tarball deb-proof test-devices power-cut service-proof viewers model miri sanitize vet sbom
 
 help: ## This list
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/' | expand -t 14
@@ -103,8 +103,15 @@ service-proof: build ## Start the service under a real systemd, Debian 12 in a V
 viewers: build ## A thousand viewers of the live picture, a hundred of them stalled, beside a replay; ARGS="--pairs 7 --write"
 	@$(UNPACKED) python3 tests/judge/viewers.py --penumbra $(PENUMBRA) $(ARGS)
 
-advisories: ## Known vulnerabilities of dependencies (needs the network)
-	cargo deny --locked check advisories
+advisories: toolchain ## Known vulnerabilities of dependencies; needs the network, or ADVISORIES=FOLDER, a copy of the list
+	@.ci/test advisories
+
+vet: toolchain ## Every dependency has an audit or an exemption; AUDITS=FOLDER lists published audits in the documentation
+	@.ci/test vet
+	@$(if $(AUDITS),python3 tests/judge/supply_chain.py --audits "$(AUDITS)" --write)
+
+sbom: toolchain ## The libraries in the program with their licences (CycloneDX): target/sbom.cdx.json
+	@.ci/deb --sbom $(TARGET)/sbom.cdx.json
 
 bench: build ## The paper's table 1 on this machine, and the cost of capturing; ARGS="--case supan --json FILE"
 	@$(UNPACKED) $(PENUMBRA) bench $(ARGS)
@@ -145,7 +152,7 @@ miri: toolchain ## Unsafe code under Miri (needs a nightly toolchain with Miri)
 sanitize: toolchain ## Live rigs with faults under the address and the thread sanitizer; long; ARGS=thread (needs a nightly toolchain)
 	@$(UNPACKED) tests/sanitize/run $(ARGS)
 
-fuzz: ## Fuzz every byte protocol and the session reader; FUZZ_SECONDS=30 each, ARGS="fastrak csv"
+fuzz: toolchain ## Fuzz protocols, sessions, files, pictures and HTTP; FUZZ_SECONDS=30 each, ARGS="fastrak csv", --minimise, --write
 	@tests/fuzz/run $(ARGS)
 
 install: ## Program, man pages, completions, service, udev rules, user; DESTDIR= PREFIX=/usr/local SYSCONFDIR=/etc. Build first

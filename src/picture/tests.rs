@@ -519,6 +519,48 @@ fn rejects_malformed_jpegs() {
     assert!(sizes.values().all(Option::is_none), "{sizes:?}");
 }
 
+/// Damaged headers of small files that are within the limit of a picture.
+#[test]
+fn headers_that_state_more_than_the_file_holds_take_no_memory() {
+    let mut png = png(1, 1, png::ColorType::Rgb, &[1, 2, 3]);
+    png[16..24].copy_from_slice(&[0, 0, 0x20, 0, 0, 0, 0x20, 0]);
+    let checksum = crc32(&png[12..29]);
+    png[29..33].copy_from_slice(&checksum.to_be_bytes());
+    let (mut jpeg, _) = jpeg(8, 8, turbojpeg::Subsamp::None);
+    let start = jpeg.windows(2).position(|marker| marker == [0xFF, 0xC0]);
+    let size = start.unwrap() + 5;
+    jpeg[size..size + 4].copy_from_slice(&[0x20, 0, 0x20, 0]);
+    for (format, data) in [(PixelFormat::Png, png), (PixelFormat::Jpeg, jpeg)] {
+        let mut picture = Picture::default();
+        let frame = frame(format, 0, 0, data);
+        let error = decode_into(&frame, &YuvEncoding::default(), &mut picture);
+        let error = error.unwrap_err().to_string();
+        assert!(error.contains("8192×8192"), "{error}");
+        assert!(error.contains("cannot hold"), "{error}");
+        assert_eq!(picture.rgba.capacity(), 0);
+    }
+}
+
+/// Files of one colour have the most pixels per byte.
+#[test]
+fn uniform_pictures_are_no_damaged_ones() {
+    let (width, height) = (4000, 3000);
+    let grey = vec![128; width * height * 3];
+    let image = turbojpeg::Image {
+        pixels: grey.as_slice(),
+        width,
+        pitch: 3 * width,
+        height,
+        format: turbojpeg::PixelFormat::RGB,
+    };
+    let jpeg = turbojpeg::compress(image, 1, turbojpeg::Subsamp::Sub2x2).unwrap();
+    let png = png(width as u32, height as u32, png::ColorType::Rgb, &grey);
+    for bytes in [jpeg.as_ref(), &png] {
+        let picture = Picture::from_file_bytes(bytes).unwrap();
+        assert_eq!((picture.width, picture.height), (4000, 3000));
+    }
+}
+
 /// A header claims 8192² pixels; the few bytes behind it would decode to gigabytes.
 #[test]
 fn large_pictures_are_refused_by_their_header() {

@@ -3,14 +3,19 @@
 use crate::mesh::Part;
 use crate::scene::Scene;
 use glam::{DMat4, DVec3};
+use std::cell::Cell;
 use std::f64::consts::TAU;
 
 /// Minimum share of all directions that a closed part blocks from inside; an open lampshade blocks
 /// less.
 const MIN_BLOCKED: f64 = 0.99;
+/// Maximum number of vertices and triangles that are looked at for all lamps of a scene, a tenth of a
+/// second: a long path in a large model is left untested instead of delaying the scene.
+const MAX_WORK: usize = 4_000_000;
 
 /// Returns where lamp `index` is enclosed along its entire path; `None` if its light gets out. A
-/// lamp on a moving carrier is tested at the carrier's initial pose.
+/// lamp on a moving carrier is tested at the carrier's initial pose. Long paths in large models are not
+/// tested.
 #[must_use]
 pub fn enclosure(scene: &Scene, index: usize) -> Option<String> {
     let lamp = scene.lamps.get(index)?;
@@ -25,6 +30,13 @@ pub fn enclosure(scene: &Scene, index: usize) -> Option<String> {
     if positions().all(below) {
         return Some("below the ground".to_owned());
     }
+    let work = Cell::new(MAX_WORK / scene.lamps.len());
+    let encloses = |part: &Part, p: DVec3| {
+        let cost = part.mesh.vertices.len() + part.mesh.indices.len() / 3;
+        let left = work.get().checked_sub(cost);
+        work.set(left.unwrap_or_default());
+        left.is_some() && encloses(part, p)
+    };
     let holds = |part: &&Part| encloses(part, first) && positions().all(|p| encloses(part, p));
     let object = scene.virtual_parts.iter().find(holds);
     let phantom = || scene.phantom_parts.iter().find(holds);
@@ -111,6 +123,19 @@ mod tests {
             mirror: false,
             albedo: None,
         }
+    }
+
+    #[test]
+    fn long_path_in_a_large_object_ends_soon() {
+        let mut scene = scene();
+        let ball = primitives::sphere(0.2, 512, 256);
+        scene.virtual_parts = vec![part(ball, DMat4::from_translation(DVec3::Z))];
+        scene.lamps = vec![lamp(&[DVec3::Z; 2])];
+        assert!(enclosure(&scene, 0).is_some());
+        scene.lamps = vec![lamp(&vec![DVec3::Z; 1000]); 32];
+        let began = std::time::Instant::now();
+        assert!((0..32).all(|i| enclosure(&scene, i).is_none()));
+        assert!(began.elapsed() < std::time::Duration::from_secs(10));
     }
 
     fn scene() -> Scene {

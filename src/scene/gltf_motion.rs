@@ -6,6 +6,7 @@ use super::motion::{Channel, Easing, Motion, Track, Turning};
 use glam::{DMat4, DQuat, DVec3, Mat4};
 use gltf::accessor::Dimensions;
 use gltf::animation::{Interpolation, Property};
+use gltf::json::validation::Checked;
 use std::collections::HashMap;
 use std::sync::Arc;
 
@@ -155,7 +156,7 @@ fn at_rest(node: &gltf::Node) -> Track {
     Track::resting(vector(t), rotation, vector(s))
 }
 
-/// Checks indices: the look-ups of the `gltf` crate index without checks.
+/// Checks indices and words: the look-ups of the `gltf` crate rely on them without checks.
 fn check_indices(document: &gltf::Document, index: usize) -> Result<(), Fault> {
     let root = document.as_json();
     let animation = root.animations.get(index).ok_or("it does not exist")?;
@@ -165,10 +166,15 @@ fn check_indices(document: &gltf::Document, index: usize) -> Result<(), Fault> {
     let accessors = |s: &gltf::json::animation::Sampler| {
         s.input.value() < root.accessors.len() && s.output.value() < root.accessors.len()
     };
-    if channels && animation.samplers.iter().all(accessors) {
-        return Ok(());
+    if !channels || !animation.samplers.iter().all(accessors) {
+        return Err("it refers to a missing node, sampler or accessor; export it again".into());
     }
-    Err("it refers to a missing node, sampler or accessor; export it again".into())
+    let mut paths = animation.channels.iter().map(|c| &c.target.path);
+    let mut ways = animation.samplers.iter().map(|s| &s.interpolation);
+    if paths.any(|path| *path == Checked::Invalid) || ways.any(|way| *way == Checked::Invalid) {
+        return Err("its path or interpolation is unknown; export it again".into());
+    }
+    Ok(())
 }
 
 /// Times and interpolation of a sampler.

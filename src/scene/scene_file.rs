@@ -136,6 +136,11 @@ pub use displaced::{displaced_text, model_text};
 
 /// Maximum number of objects or phantoms of a file.
 const MAX_ENTRIES: usize = 1000;
+/// Maximum subdivision of a round shape.
+const MAX_SEGMENTS: u32 = 1024;
+/// Maximum number of triangles of all shapes of a file together: a few lines must not take
+/// gigabytes.
+const MAX_SHAPE_TRIANGLES: usize = 2_000_000;
 
 /// Contents of a scene file, checked.
 #[derive(Clone, Debug)]
@@ -208,24 +213,23 @@ impl SceneAddition {
         let world_from_model = model.to_matrix();
         let white = lamp::white(file.photometry.as_ref()).map_err(located)?;
         let mut placed = Placed::default();
+        let mut triangles = 0;
         for entry in file.object.iter().enumerate() {
+            let first = placed.objects.len();
             placed.add_object(entry, (folder, text), world_from_model, white)?;
+            let at = format!("object[{}]", entry.0);
+            let parts = &placed.objects[first..];
+            count(entry.1, &at, parts, &mut triangles).map_err(located)?;
         }
         placed.add_lamps(&file.lamp, (folder, text), white)?;
         let mut phantoms = Vec::new();
         for (i, entry) in file.phantom.iter().enumerate() {
             let at = format!("phantom[{i}]");
-            phantoms.extend(entry.phantom_parts(&at, folder, text)?);
+            let parts = entry.phantom_parts(&at, folder, text)?;
+            count(entry, &at, &parts, &mut triangles).map_err(located)?;
+            phantoms.extend(parts);
         }
-        if file.plane.len() > MAX_ENTRIES {
-            let reason = format!("expected at most {MAX_ENTRIES} planes");
-            return Err(located(Fault::new("plane", reason)));
-        }
-        let planes = file.plane.iter().enumerate();
-        let planes = planes
-            .map(|(i, p)| Ok(plane::plane(p, &format!("plane[{i}]"))?.moved(model)))
-            .collect::<Result<_, _>>()
-            .map_err(located)?;
+        let planes = planes(&file.plane, model).map_err(located)?;
         let ground = file
             .ground
             .map(|g| ground(&g))
@@ -279,6 +283,37 @@ impl SceneAddition {
         scene.warnings = self.warnings.into_iter().chain(enclosed).collect();
         scene
     }
+}
+
+fn planes(
+    entries: &[typed::PlaneFile],
+    model: RigidTransform,
+) -> Result<Vec<ShadowingPlane>, Fault> {
+    if entries.len() > MAX_ENTRIES {
+        let reason = format!("expected at most {MAX_ENTRIES} planes");
+        return Err(Fault::new("plane", reason));
+    }
+    let planes = entries.iter().enumerate();
+    planes
+        .map(|(i, p)| Ok(plane::plane(p, &format!("plane[{i}]"))?.moved(model)))
+        .collect()
+}
+
+/// Adds the triangles of a built-in shape to those of the shapes before it.
+fn count(entry: &Entry, at: &str, parts: &[Part], triangles: &mut usize) -> Result<(), Fault> {
+    if entry.shape.is_some() {
+        *triangles += parts
+            .iter()
+            .map(|p| p.mesh.indices.len() / 3)
+            .sum::<usize>();
+    }
+    if *triangles > MAX_SHAPE_TRIANGLES {
+        let reason = format!(
+            "the shapes of this file have more than {MAX_SHAPE_TRIANGLES} triangles together; reduce segments"
+        );
+        return Err(Fault::new(format!("{at}.shape"), reason));
+    }
+    Ok(())
 }
 
 /// Returns the scene file at `path`, the files that it names and those that its models name, whether
@@ -517,11 +552,9 @@ impl Entry {
 
     fn segments(&self, at: &str) -> Result<u32, Fault> {
         let segments = self.segments.unwrap_or(64);
-        if !(3..=2048).contains(&segments) {
-            return Err(Fault::new(
-                format!("{at}.segments"),
-                "expected a whole number from 3 to 2048",
-            ));
+        if !(3..=MAX_SEGMENTS).contains(&segments) {
+            let reason = format!("expected a whole number from 3 to {MAX_SEGMENTS}");
+            return Err(Fault::new(format!("{at}.segments"), reason));
         }
         Ok(segments)
     }

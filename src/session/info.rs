@@ -92,7 +92,9 @@ impl Tally {
             .collect();
         intervals.sort_unstable();
         let median = intervals.get(intervals.len() / 2).copied();
-        let is_gap = |interval: &&i64| median.is_some_and(|m| **interval > GAP_INTERVALS * m);
+        // Damaged time stamps may be centuries apart.
+        let longest = median.map(|m| GAP_INTERVALS.saturating_mul(m));
+        let is_gap = |interval: &&i64| longest.is_some_and(|l| **interval > l);
         Some(StreamInfo {
             topic,
             messages: self.times.len() as u64,
@@ -265,4 +267,20 @@ fn write_attachments(text: &mut String, session: &Session) -> std::fmt::Result {
         )?;
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn damaged_time_stamps_are_no_overflow() {
+        let tally = Tally {
+            times: vec![0, i64::MAX / 2, i64::MAX],
+            bytes: 3,
+        };
+        let info = tally.summarise("/scene_camera/image".to_owned(), 0);
+        let info = info.unwrap();
+        assert_eq!((info.messages, info.gaps), (3, 0));
+    }
 }

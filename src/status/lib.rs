@@ -43,7 +43,7 @@ pub use playback::Playback;
 pub use preview::environment_preview;
 pub use probe::ProbeStatus;
 pub use registration::{DisplayStatus, RegistrationSource, RegistrationStatus};
-pub use server::{DEFAULT_LISTEN, StatusError, StatusServer};
+pub use server::{DEFAULT_LISTEN, StatusError, StatusServer, StatusService};
 pub use settings::{Settings, SettingsChange};
 pub use shared::{SharedStatus, View};
 pub use snapshot::{LensSource, LensStatus, Levels, SceneStatus, Snapshot};

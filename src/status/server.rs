@@ -22,6 +22,7 @@ use std::net::{Ipv4Addr, SocketAddr, TcpListener};
 use std::sync::Arc;
 use std::time::Duration;
 use thiserror::Error;
+use tokio::io::{AsyncRead, AsyncWrite};
 use tokio::net::TcpStream;
 use tokio::task::{AbortHandle, JoinSet};
 
@@ -83,9 +84,53 @@ pub enum StatusError {
 pub struct StatusServer {
     listener: TcpListener,
     local_addr: SocketAddr,
+    service: StatusService,
+}
+
+/// The status server without a port: it answers requests on any stream.
+#[derive(Clone)]
+pub struct StatusService {
     app: App,
     router: Router,
     bounds: Bounds,
+}
+
+impl StatusService {
+    /// Creates the service; with a `token`, requests must carry it.
+    ///
+    /// # Errors
+    /// The token is invalid, or the encoder cannot be set up.
+    pub fn new(token: Option<String>, shared: Arc<SharedStatus>) -> Result<Self, StatusError> {
+        Self::with_limits(token, shared, StreamLimits::default())
+    }
+
+    fn with_limits(
+        token: Option<String>,
+        shared: Arc<SharedStatus>,
+        limits: StreamLimits,
+    ) -> Result<Self, StatusError> {
+        let token = token.map(|text| Token::new(text).ok_or(StatusError::BadToken));
+        let app = App::new(shared, limits)?;
+        let router = routes::router(app.clone(), token.transpose()?.map(Arc::new));
+        let bounds = Bounds {
+            connections: MAX_CONNECTIONS + limits.viewers,
+            stall: limits.stall,
+        };
+        Ok(Self {
+            app,
+            router,
+            bounds,
+        })
+    }
+
+    /// Answers the requests of one connection until it ends.
+    pub async fn converse<S>(&self, stream: S)
+    where
+        S: AsyncRead + AsyncWrite + Unpin,
+    {
+        let service = Service::new(self.router.clone(), Activity::new());
+        converse(stream, self.bounds.stall, service).await;
+    }
 }
 
 impl StatusServer {
@@ -111,25 +156,16 @@ impl StatusServer {
         shared: Arc<SharedStatus>,
         limits: StreamLimits,
     ) -> Result<Self, StatusError> {
-        let token = match token {
-            Some(text) => Some(Token::new(text).ok_or(StatusError::BadToken)?),
-            None if listen.ip().is_loopback() => None,
-            None => return Err(StatusError::TokenNeeded { listen }),
-        };
+        if token.is_none() && !listen.ip().is_loopback() {
+            return Err(StatusError::TokenNeeded { listen });
+        }
+        let service = StatusService::with_limits(token, shared, limits)?;
         let (listener, local_addr) = take_port(listen)?;
-        let max_connections = MAX_CONNECTIONS + limits.viewers;
-        descriptors::allow(max_connections + OTHER_DESCRIPTORS);
-        let app = App::new(shared, limits)?;
-        let router = routes::router(app.clone(), token.map(Arc::new));
+        descriptors::allow(service.bounds.connections + OTHER_DESCRIPTORS);
         Ok(Self {
             listener,
             local_addr,
-            app,
-            router,
-            bounds: Bounds {
-                connections: max_connections,
-                stall: limits.stall,
-            },
+            service,
         })
     }
 
@@ -149,9 +185,9 @@ impl StatusServer {
         let listener = tokio::net::TcpListener::from_std(self.listener).map_err(failed)?;
         tokio::select! {
             () = shutdown => {}
-            () = accept(listener, self.router, self.bounds) => {}
-            () = self.app.stream_pictures(View::Composite) => {}
-            () = self.app.stream_pictures(View::Pair) => {}
+            () = accept(listener, self.service.router, self.service.bounds) => {}
+            () = self.service.app.stream_pictures(View::Composite) => {}
+            () = self.service.app.stream_pictures(View::Pair) => {}
         }
         Ok(())
     }
@@ -225,10 +261,9 @@ impl Connections {
 
     fn add(&mut self, socket: TcpStream, router: Router) {
         let activity = Activity::new();
-        let service = Service {
-            router: TowerToHyperService::new(router),
-            activity: Arc::clone(&activity),
-        };
+        // Otherwise a small response may wait for the acknowledgement of the previous one.
+        let _ = socket.set_nodelay(true);
+        let service = Service::new(router, Arc::clone(&activity));
         let stall = self.bounds.stall;
         let task = self.tasks.spawn(converse(socket, stall, service));
         self.open.push((activity, task));
@@ -258,6 +293,15 @@ struct Service {
     activity: Arc<Activity>,
 }
 
+impl Service {
+    fn new(router: Router, activity: Arc<Activity>) -> Self {
+        Self {
+            router: TowerToHyperService::new(router),
+            activity,
+        }
+    }
+}
+
 impl hyper::service::Service<Request<Incoming>> for Service {
     type Response = Response;
     type Error = Infallible;
@@ -270,10 +314,11 @@ impl hyper::service::Service<Request<Incoming>> for Service {
     }
 }
 
-async fn converse(socket: TcpStream, stall: Duration, service: Service) {
-    // Otherwise a small response may wait for the acknowledgement of the previous one.
-    let _ = socket.set_nodelay(true);
-    let io = TokioIo::new(StallGuard::new(socket, stall));
+async fn converse<S>(stream: S, stall: Duration, service: Service)
+where
+    S: AsyncRead + AsyncWrite + Unpin,
+{
+    let io = TokioIo::new(StallGuard::new(stream, stall));
     let connection = http1::Builder::new()
         .timer(TokioTimer::new())
         .header_read_timeout(HEADER_LIMIT)

@@ -100,6 +100,25 @@ fn reads_all_shapes_with_their_poses() {
     );
 }
 
+#[test]
+fn few_lines_of_many_triangles_are_refused() {
+    let sphere = "shape = \"sphere\"\nradius_m = 1\nsegments = 1024\n";
+    let object = format!("[[object]]\n{sphere}");
+    assert_eq!(read(&object).unwrap().objects.len(), 1);
+    for second in [object.clone(), format!("[[phantom]]\n{sphere}")] {
+        let error = read(&(object.clone() + &second)).unwrap_err().to_string();
+        let expected = "the shapes of this file have more than 2000000 triangles together";
+        assert!(
+            error.starts_with("s.toml:6: ") && error.contains(expected),
+            "{error}"
+        );
+    }
+    let gate = "[[object]]\nshape = \"temple-gate\"\nsegments = 1024\n";
+    let triangles = |p: &Part| p.mesh.indices.len() / 3;
+    let largest = read(gate).map(|scene| scene.objects.iter().map(triangles).sum::<usize>());
+    assert!(largest.is_err() || largest.is_ok_and(|n| n < 2_000_000));
+}
+
 /// Texts and their messages.
 const MISTAKES: [(&str, &str); 14] = [
     (

@@ -1,6 +1,3 @@
-//! The line protocol of home-made trackers.
 #![no_main]
 
-use libfuzzer_sys::fuzz_target;
-
-fuzz_target!(|data: &[u8]| penumbra_fuzz::check(&["csv"], data));
+libfuzzer_sys::fuzz_target!(|data: &[u8]| penumbra_fuzz::trackers::csv(data));

@@ -1,6 +1,3 @@
-//! Liberty and Patriot records.
 #![no_main]
 
-use libfuzzer_sys::fuzz_target;
-
-fuzz_target!(|data: &[u8]| penumbra_fuzz::check(&["liberty", "liberty-euler"], data));
+libfuzzer_sys::fuzz_target!(|data: &[u8]| penumbra_fuzz::trackers::liberty(data));
