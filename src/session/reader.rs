@@ -190,8 +190,9 @@ fn check_known(
     if container.truncated && (channels.is_empty() || roles().any(|role| role.is_some())) {
         return Err(SessionError::NoCompleteChunk { path });
     }
-    let mut topics: Vec<_> = channels.values().map(|c| c.topic.as_str()).collect();
-    topics.truncate(8);
+    // Names of others may hold line breaks, or be as long as the file.
+    let name = |channel: &Channel| channel.topic.escape_debug().take(64).collect::<String>();
+    let topics: Vec<String> = channels.values().take(8).map(name).collect();
     Err(SessionError::Foreign {
         path,
         expected: topics::SCENE_IMAGES,

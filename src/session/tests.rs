@@ -307,7 +307,7 @@ fn rejects_other_files_with_one_line() {
     assert!(text(b"\x89MCAP0\r\n").contains("truncated before its first complete chunk"));
     let mut foreign = mcap::Writer::new(Cursor::new(Vec::new())).unwrap();
     let channel = foreign
-        .add_channel(0, "/lidar", "cdr", &Default::default())
+        .add_channel(0, "/lidar\nmast", "cdr", &Default::default())
         .unwrap();
     let header = mcap::records::MessageHeader {
         channel_id: channel,
@@ -318,6 +318,7 @@ fn rejects_other_files_with_one_line() {
     foreign.write_to_known_channel(&header, b"abc").unwrap();
     foreign.finish().unwrap();
     let foreign = text(&foreign.into_inner().into_inner());
+    assert!(!foreign.contains('\n'), "{foreign}");
     assert!(foreign.contains("not a session of Penumbra") && foreign.contains("/lidar"));
     let folder = tempfile::tempdir().unwrap();
     let missing = Session::open(&folder.path().join("none.mcap")).unwrap_err();
