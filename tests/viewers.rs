@@ -1,7 +1,7 @@
 //! Many viewers of the live picture, some of which do not read. `make viewers` does the same with a
 //! thousand of them beside a rig.
 #![cfg(target_os = "linux")]
-#![expect(clippy::unwrap_used)]
+#![expect(clippy::unwrap_used, clippy::panic)]
 
 use penumbra_picture::Picture;
 use penumbra_status::{Settings, SharedStatus, StatusServer, StreamLimits};

@@ -686,13 +686,13 @@ fn unselected_or_missing_animation_moves_nothing() {
 
 #[test]
 fn unknown_words_of_animations_are_errors() {
-    for (path, way) in [("twist", "LINEAR"), ("translation", "SWIFT")] {
+    for (path, way, reason) in [
+        ("twist", "LINEAR", "path or interpolation is unknown"),
+        ("translation", "SWIFT", "interpolation: Invalid value"),
+    ] {
         let bytes = animated(path, way, &[0.0, 1.0], &[0.0; 6], "VEC3");
         let message = play(&bytes, Playing::First).unwrap_err().to_string();
-        assert!(
-            message.contains("path or interpolation is unknown"),
-            "{message}"
-        );
+        assert!(message.contains(reason), "{message}");
     }
 }
 
