@@ -26,7 +26,8 @@ const RAYS: usize = 12;
 const FEW_RAYS: usize = 3;
 
 /// A texel: light as three floats with a common exponent; open and seen as half floats; the place in
-/// the picture in 65,535ths; its third number and z, negative on a real mirror, as half floats.
+/// the picture in steps of 1 / 65,535; its third number and z, negative on a real mirror, as half
+/// floats.
 type Texel = [u32; 4];
 /// No glossy surface.
 const NOTHING: Texel = [0; 4];
