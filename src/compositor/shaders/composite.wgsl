@@ -86,8 +86,8 @@ const WIDEST = 0.1;
 // as the lobe does. Half of all directions are within 2 alpha of the mirror direction (GGX), as of a
 // Gaussian of the standard deviation 1.7 alpha; that of interpolation is half a texel.
 const SPREAD = 3.4;
-// Directions of a metal's lobe that are followed to the ground: a lobe is far longer there than wide
-// where it is nearly level.
+// Directions of a clear metal's lobe that are followed to the ground: a lobe is far longer there than
+// wide where it is nearly level.
 const METAL_TAPS = 3;
 // F0 from which on a lobe is bright enough for them.
 const METAL = 0.2;
@@ -131,7 +131,8 @@ fn reflected(world: vec3f, d: vec3f, level: f32, gloss: Gloss) -> vec3f {
         return far;
     }
     // Directions at the middle of equal parts of what is below.
-    let taps = select(1, METAL_TAPS, max(max(gloss.f0.x, gloss.f0.y), gloss.f0.z) > METAL);
+    let is_bright = max(max(gloss.f0.x, gloss.f0.y), gloss.f0.z) > METAL;
+    let taps = select(1, METAL_TAPS, is_bright & (gloss.width < WIDEST));
     var height = 0.0;
     var seen = vec4f(0.0);
     var k = 0;
