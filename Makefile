@@ -149,7 +149,7 @@ model: toolchain ## Check the queues of hub and recorder under SCHEDULES=20000 s
 miri: toolchain ## Unsafe code under Miri (needs a nightly toolchain with Miri)
 	@$(UNPACKED) tests/miri/run
 
-sanitize: toolchain ## Live rigs with faults under the address and the thread sanitizer; long; ARGS=thread (needs a nightly toolchain)
+sanitize: toolchain ## A live rig, a replay and the tests of queues and unsafe code under the address and the thread sanitizer; long; ARGS=thread (needs a nightly toolchain)
 	@$(UNPACKED) tests/sanitize/run $(ARGS)
 
 fuzz: toolchain ## Fuzz protocols, sessions, files, pictures and HTTP; FUZZ_SECONDS=30 each, ARGS="fastrak csv", --minimise, --write

@@ -156,7 +156,7 @@ fn at_rest(node: &gltf::Node) -> Track {
     Track::resting(vector(t), rotation, vector(s))
 }
 
-/// Checks indices and words: the look-ups of the `gltf` crate rely on them without checks.
+/// Checks indices and paths: the look-ups of the `gltf` crate rely on them without checks.
 fn check_indices(document: &gltf::Document, index: usize) -> Result<(), Fault> {
     let root = document.as_json();
     let animation = root.animations.get(index).ok_or("it does not exist")?;
@@ -170,9 +170,8 @@ fn check_indices(document: &gltf::Document, index: usize) -> Result<(), Fault> {
         return Err("it refers to a missing node, sampler or accessor; export it again".into());
     }
     let mut paths = animation.channels.iter().map(|c| &c.target.path);
-    let mut ways = animation.samplers.iter().map(|s| &s.interpolation);
-    if paths.any(|path| *path == Checked::Invalid) || ways.any(|way| *way == Checked::Invalid) {
-        return Err("its path or interpolation is unknown; export it again".into());
+    if paths.any(|path| *path == Checked::Invalid) {
+        return Err("its path is unknown; export it again".into());
     }
     Ok(())
 }

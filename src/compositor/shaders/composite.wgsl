@@ -171,13 +171,17 @@ fn mirrored_light(far: vec3f, near: Nearby, gloss: Gloss) -> vec3f {
     return far * near.open + near.light + seen * near.seen;
 }
 
+// Radius over which the ground is blurred at a contact, metres: without any, the picture's weight
+// would have no width over which to rise from 0 to 1.
+const CONTACT = 0.002;
+
 // Correction for light that the nearby ground reflects instead of the mean ground.
 fn bounce(world: vec3f, n: vec3f) -> vec3f {
     let height = max(world.z - frame.params.y, 0.0);
     let share = frame.params.z * 0.5 * (1.0 - n.z);
     let aside = normalize(vec3f(n.xy, -0.7));
     let foot = world + aside * (height / 0.7 * length(vec3f(n.xy, -0.7)));
-    let near = real_radiance(vec3f(foot.xy, frame.params.y), 2.0 * height + 0.002, 0.0);
+    let near = real_radiance(vec3f(foot.xy, frame.params.y), 2.0 * height + CONTACT, 0.0);
     let far = sky_irradiance(vec3f(0.0, 0.0, -1.0));
     return share * (PI * mix(frame.ground.rgb * ground_share(foot), near.rgb, near.a) - far);
 }

@@ -687,7 +687,7 @@ fn unselected_or_missing_animation_moves_nothing() {
 #[test]
 fn unknown_words_of_animations_are_errors() {
     for (path, way, reason) in [
-        ("twist", "LINEAR", "path or interpolation is unknown"),
+        ("twist", "LINEAR", "its path is unknown"),
         ("translation", "SWIFT", "interpolation: Invalid value"),
     ] {
         let bytes = animated(path, way, &[0.0, 1.0], &[0.0; 6], "VEC3");
