@@ -223,6 +223,10 @@ fn record_button_records_a_live_rig() {
     browser.wait_for(&format!("{MEGABYTES} > 0.2"));
     let earlier = browser.evaluate(MEGABYTES).as_f64().unwrap();
     browser.wait_for(&format!("{MEGABYTES} > {earlier} + 1.0"));
+    // The data rate is known after the first second.
+    browser.wait_for(
+        "document.getElementById('recording-facts').textContent.includes(' per minute · ')",
+    );
     // At most ten minutes by the configuration, or less if the disk is almost full.
     let facts = browser.evaluate("document.getElementById('recording-facts').textContent");
     let facts = facts.as_str().unwrap();
