@@ -194,6 +194,11 @@ impl EnvironmentEstimator {
         self.generation = before.generation;
     }
 
+    /// Replaces the camera's tone curve.
+    pub fn set_response(&mut self, response: &Response) {
+        self.merger.set_response(response);
+    }
+
     /// Corrects the vignetting of the camera's pictures of `size`.
     pub fn set_vignetting(&mut self, vignetting: &Vignetting, size: (u32, u32)) {
         self.merger.set_corrections(vignetting.corrections(size));

@@ -49,6 +49,11 @@ impl BracketMerger {
         }
     }
 
+    /// Replaces the tone curve.
+    pub fn set_response(&mut self, response: &Response) {
+        self.linear_from_code = *response.linear_from_code();
+    }
+
     /// Corrects vignetting: `corrections` holds one factor per pixel, row-major
     /// ([`Vignetting::corrections`](penumbra_camera::Vignetting)).
     pub fn set_corrections(&mut self, corrections: Vec<f32>) {

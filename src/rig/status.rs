@@ -3,6 +3,7 @@
 use crate::damage::LostCounts;
 use crate::frame::{Counts, PreparedFrame};
 use crate::latency_status;
+use crate::light::bracket_response::{Agreement, WARNINGS};
 use crate::light::state::{LightState, STATED_AT};
 use crate::live_status;
 use crate::probe_status;
@@ -241,6 +242,22 @@ fn lamp(source: &CompactSource) -> LampStatus {
     }
 }
 
+/// Whether the environment camera's exposures agree under its tone curve.
+fn exposures(s: &mut Snapshot, agreement: Option<Agreement>) {
+    let disagreement = agreement.map(|agreement| agreement.disagreement);
+    if s.lighting.exposures_disagree == disagreement {
+        return;
+    }
+    s.lighting.exposures_disagree = disagreement;
+    let warning = agreement.and_then(Agreement::warning);
+    for known in WARNINGS.into_iter().filter(|known| Some(*known) != warning) {
+        s.clear_warning(known);
+    }
+    if let Some(warning) = warning.filter(|new| s.warnings.iter().all(|known| known.text != *new)) {
+        s.warn(warning);
+    }
+}
+
 fn lighting(s: &mut Snapshot, p: &Published<'_>) {
     let LightState {
         lighting,
@@ -248,6 +265,7 @@ fn lighting(s: &mut Snapshot, p: &Published<'_>) {
         sources,
         clipped,
         probe: map,
+        exposures: agreement,
         ..
     } = &p.prepared.light;
     let (dome_lights, compact_lights) = p.prepared.light.count();
@@ -255,6 +273,7 @@ fn lighting(s: &mut Snapshot, p: &Published<'_>) {
     s.lighting.compact_sources = sources.len() as u32;
     s.lighting.lamps = sources.iter().map(lamp).collect();
     s.lighting.clipped_fraction = Some(f64::from(clipped.max(0.0)));
+    exposures(s, *agreement);
     let Some(lighting) = lighting else { return };
     let is_stated = lighting.captured_at == STATED_AT;
     let captured_at = p.prepared.frame.captured_at;

@@ -340,6 +340,10 @@ pub const STATUS_FIELDS: &[(&str, &str)] = &[
         "Share of the environment's solid angle that is clipped, 0 to 1; null where unknown.",
     ),
     (
+        "lighting.exposures_disagree",
+        "By how much the environment camera's exposures disagree about the same light under its tone curve: root mean square, relative; above 0.1 they contradict it, and a curve that they tell is used; null before two exposures have shown enough.",
+    ),
+    (
         "lighting.dominant_direction[]",
         "Unit vector towards the dominant light, world, +Z up; null where unknown.",
     ),

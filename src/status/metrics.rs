@@ -215,6 +215,11 @@ fn lighting(page: &mut Page, s: &Snapshot) {
         "Share of the environment that is clipped.",
         l.clipped_fraction,
     );
+    page.some(
+        "penumbra_environment_exposures_disagree_ratio",
+        "By how much the environment camera's exposures disagree about the same light.",
+        l.exposures_disagree,
+    );
     if let Some(map) = &l.probe {
         probe(page, map);
     }

@@ -421,6 +421,9 @@ pub struct LightingStatus {
     pub stale: Option<String>,
     /// Share of the environment's solid angle that is clipped, 0..=1.
     pub clipped_fraction: Option<f64>,
+    /// By how much the environment camera's exposures disagree about the same light under its tone
+    /// curve: root mean square, relative; `None` before two exposures have shown enough.
+    pub exposures_disagree: Option<f64>,
     /// Unit vector towards the dominant light, world (+Z up).
     pub dominant_direction: Option<[f64; 3]>,
     /// Dominance of that light over the rest, as a share of all light, 0..=1.

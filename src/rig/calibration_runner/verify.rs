@@ -2,7 +2,7 @@
 
 use super::definition::{ParameterError, Parameters, RigContext, StepDefinition, station};
 use crate::error::RigError;
-use crate::light::estimator::chart_match;
+use crate::light::chart::ChartPictures;
 use crate::markers;
 use penumbra_calibration::step::Step;
 use penumbra_calibration::verify::{CheckedRig, Verify};
@@ -53,7 +53,10 @@ pub fn verify_step(
         .as_ref()
         .is_some_and(|e| matches!(e.view, EnvironmentView::SphereInScene { .. }));
     let mut white_balance = WhiteBalanceMatch::new(WhiteBalanceSettings::default(), same_camera);
-    if !same_camera && let Some(chart) = chart_match(rig, files, false)? {
+    if !same_camera
+        && let Some(chart) = ChartPictures::read(rig, files, false)?
+        && let Some(chart) = chart.matched(rig)
+    {
         white_balance.set_chart(chart);
     }
     if let Some(gains) = rig.gains.filter(|_| !same_camera) {

@@ -2,6 +2,8 @@
 //! balance gains and the radiance of the ground.
 
 use crate::error::RigError;
+use crate::light::bracket_response::{Agreement, BracketResponse};
+use crate::light::chart::ChartPictures;
 use crate::light::indirect::IndirectLightUpdater;
 use crate::light::places::LampPlaces;
 use crate::light::scene_tables::{RealLight, SceneLight, hides, middle_of_objects};
@@ -12,7 +14,6 @@ use crate::registration::DEFAULT_SPHERE_SIGMA;
 use crate::setup::{RigSetup, max_pixels};
 use glam::{DVec3, Mat3, Quat, Vec3};
 use penumbra_camera::EnvironmentView;
-use penumbra_camera::Response;
 use penumbra_config::{Config, Unseen, WhiteBalanceMethod};
 use penumbra_interface::RigidTransform;
 use penumbra_lighting::Filtering;
@@ -25,7 +26,7 @@ use penumbra_rig_model::Attachments;
 use penumbra_rig_model::{EnvironmentSource, RigCalibration};
 use penumbra_scene::{Hit, RayCaster, casters};
 use penumbra_sync::EnvironmentSet;
-use penumbra_white_balance::chart::{ChartError, ChartMatch, Photograph, match_chart};
+use penumbra_white_balance::chart::Photograph;
 use penumbra_white_balance::gather::{GatherOptions, Overlap, gather_pairs};
 use penumbra_white_balance::overlap::estimate_overlap;
 use penumbra_white_balance::reflectance;
@@ -45,10 +46,13 @@ const KNOWN_SPACING: u32 = 32;
 pub struct LightEstimator {
     estimator: Option<EnvironmentEstimator>,
     white_balance: WhiteBalanceMatch,
+    chart: Option<ChartPictures>,
     ground: GroundRadiance,
     phantoms: PhantomSurfaces,
     rays: Arc<RayCaster>,
     places: LampPlaces,
+    /// Without an environment camera there is no curve.
+    brackets: Option<BracketResponse>,
     rig: RigCalibration,
     yuv: YuvEncoding,
     unseen: Unseen,
@@ -84,8 +88,12 @@ impl LightEstimator {
         }
         let same_camera = is_in_scene(&rig);
         let mut white_balance = WhiteBalanceMatch::new(white_balance_settings(config), same_camera);
-        if !same_camera && let Some(chart) = chart_match(&rig, files, config.white_balance.matrix)?
-        {
+        let chart = if same_camera {
+            None
+        } else {
+            ChartPictures::read(&rig, files, config.white_balance.matrix)?
+        };
+        if let Some(chart) = chart.as_ref().and_then(|chart| chart.matched(&rig)) {
             white_balance.set_chart(chart);
         }
         if let Some(gains) = rig.gains.filter(|_| !same_camera) {
@@ -98,10 +106,13 @@ impl LightEstimator {
         Ok(Self {
             estimator,
             white_balance,
+            chart,
             ground: GroundRadiance::new(&rig, &setup.scene, rays.clone()),
             phantoms,
             places: LampPlaces::new(&rig, rays.clone(), &config.environment),
             rays,
+            brackets: (rig.environment.as_ref())
+                .map(|environment| BracketResponse::new(environment.response.clone())),
             rig,
             yuv: config.input.encoding(),
             unseen: config.environment.unseen,
@@ -138,6 +149,7 @@ impl LightEstimator {
         {
             self.generation = Some(set.generation);
             self.decode(set)?;
+            self.compare_exposures(set);
             self.match_cameras(set, scene);
             self.estimate(set, scene)?;
         }
@@ -205,20 +217,32 @@ impl LightEstimator {
         Ok(())
     }
 
+    /// Holds the exposures of a decoded environment set against the camera's curve. Where another one
+    /// takes its place, everything that was computed with the curve is computed again.
+    fn compare_exposures(&mut self, set: &EnvironmentSet) {
+        let Some(known) = &mut self.brackets else {
+            return;
+        };
+        if !known.look(&brackets(set, &self.decoded)) {
+            return;
+        }
+        if let Some(estimator) = &mut self.estimator {
+            estimator.set_response(known.response());
+        }
+        if let Some(environment) = &mut self.rig.environment {
+            environment.response.clone_from(known.response());
+        }
+        if let Some(chart) = (self.chart.as_ref()).and_then(|chart| chart.matched(&self.rig)) {
+            self.white_balance.set_chart(chart);
+        }
+    }
+
     /// Estimates the light from a decoded environment set.
     fn estimate(&mut self, set: &EnvironmentSet, scene: &SceneView<'_>) -> Result<(), RigError> {
         let Some(estimator) = &mut self.estimator else {
             return Ok(());
         };
-        let brackets: Vec<Bracket<'_>> = set
-            .frames
-            .iter()
-            .zip(&self.decoded)
-            .map(|(frame, picture)| Bracket {
-                picture,
-                ev: frame.bracket_ev,
-            })
-            .collect();
+        let brackets = brackets(set, &self.decoded);
         let seen = self.ground.radiance();
         let input = EnvironmentInput {
             brackets: &brackets,
@@ -334,6 +358,9 @@ impl LightEstimator {
                 if let Some(before) = &self.estimator {
                     estimator.follow(before);
                 }
+                if let Some(known) = &self.brackets {
+                    estimator.set_response(known.response());
+                }
                 self.estimator = Some(estimator);
             }
         }
@@ -405,8 +432,16 @@ impl LightEstimator {
                     .unwrap_or_default(),
             ),
             clipped: estimator.map_or(0.0, EnvironmentEstimator::clipped_share),
+            exposures: self.exposures(),
             probe: estimator.and_then(EnvironmentEstimator::probe_map),
         }
+    }
+
+    /// Whether the environment camera's exposures agree under its tone curve; `None` if too little is
+    /// well exposed twice.
+    #[must_use]
+    pub fn exposures(&self) -> Option<Agreement> {
+        self.brackets.as_ref().and_then(BracketResponse::agreement)
     }
 
     /// Returns the current light.
@@ -448,6 +483,16 @@ fn unreadable(source: PictureError) -> RigError {
     }
 }
 
+fn brackets<'a>(set: &EnvironmentSet, decoded: &'a [Picture]) -> Vec<Bracket<'a>> {
+    let exposed = set.frames.iter().zip(decoded);
+    exposed
+        .map(|(frame, picture)| Bracket {
+            picture,
+            ev: frame.bracket_ev,
+        })
+        .collect()
+}
+
 fn is_in_scene(rig: &RigCalibration) -> bool {
     rig.environment
         .as_ref()
@@ -462,52 +507,4 @@ fn white_balance_settings(config: &Config) -> WhiteBalanceSettings {
             .then(|| white.gains.map(f64::from)),
         matrix: white.matrix,
     }
-}
-
-pub(crate) type ChartResult = Result<ChartMatch, ChartError>;
-
-/// Matches the calibration's pictures of a colour chart; `None` if it lacks one of them.
-///
-/// # Errors
-/// A chart picture cannot be decoded.
-pub(crate) fn chart_match(
-    rig: &RigCalibration,
-    files: &Attachments,
-    matrix: bool,
-) -> Result<Option<ChartResult>, RigError> {
-    let (Some(chart), Some(environment)) = (&rig.chart, &rig.environment) else {
-        return Ok(None);
-    };
-    let load = |name: &str| -> Result<Option<Picture>, RigError> {
-        let Some(bytes) = files(name) else {
-            return Ok(None);
-        };
-        Picture::from_file_bytes(bytes)
-            .map(Some)
-            .map_err(|source| RigError::Picture {
-                name: name.to_owned(),
-                source,
-            })
-    };
-    let (Some(scene), Some(seen)) = (
-        load(&chart.scene_picture)?,
-        load(&chart.environment_picture)?,
-    ) else {
-        return Ok(None);
-    };
-    let photograph = |picture, response: &Response| (picture, response.clone());
-    let (scene, scene_response) = photograph(scene, &rig.scene_camera.response);
-    let (seen, seen_response) = photograph(seen, &environment.response);
-    Ok(Some(match_chart(
-        chart,
-        Photograph {
-            picture: &scene,
-            response: &scene_response,
-        },
-        Photograph {
-            picture: &seen,
-            response: &seen_response,
-        },
-        matrix,
-    )))
 }

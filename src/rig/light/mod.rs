@@ -9,6 +9,8 @@
 //! reaches it through `updates`. `state` and `view` are the data in between.
 
 pub mod blended;
+pub(crate) mod bracket_response;
+pub(crate) mod chart;
 pub mod estimator;
 mod indirect;
 mod places;

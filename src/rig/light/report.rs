@@ -4,6 +4,7 @@ use crate::damage::log;
 use crate::error::RigError;
 use crate::feed::Feed;
 use crate::light::{
+    bracket_response::Agreement,
     estimator::LightEstimator,
     view::{SceneView, SphereAt},
 };
@@ -68,6 +69,9 @@ pub fn light_of_session(
         progress(read);
         if let Some(lighting) = light.update(set, &view)? {
             progress(0.8);
+            if let Some(warning) = light.exposures().and_then(Agreement::warning) {
+                tracing::warn!("{warning}");
+            }
             return report(&setup, &mut light, lighting, pose)?.ok_or_else(none);
         }
     }

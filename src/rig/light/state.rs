@@ -1,6 +1,7 @@
 //! The data between the frame loop and the light worker: request, result, active light.
 
 use crate::light::blended::{Blend, LightMixer, LightSpan};
+use crate::light::bracket_response::Agreement;
 use crate::light::timeline::LightTimeline;
 use crate::light::transition::LightTransition;
 use crate::light::view::SphereAt;
@@ -89,6 +90,9 @@ pub struct LightState {
     pub sources: Arc<Vec<CompactSource>>,
     /// Share of the sphere of directions that is clipped in every exposure.
     pub clipped: f32,
+    /// Whether the environment camera's exposures agree under its tone curve; `None` if too little is
+    /// well exposed twice.
+    pub exposures: Option<Agreement>,
     /// Observations of a mirrored sphere in the scene camera's picture, if there is one.
     pub probe: Option<ProbeMap>,
 }

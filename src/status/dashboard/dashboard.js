@@ -124,6 +124,7 @@ function environment(s) {
     ['their distances', distances(l.lamps)],
     ['age of the light', age(l.age_ms)],
     ['clipped', percent(l.clipped_fraction, 2)],
+    ['exposures disagree by', percent(l.exposures_disagree, 0)],
     ['dominant light, elevation', elevation(l.dominant_direction)],
     ['dominance', percent(l.dominance, 0)],
   ]);

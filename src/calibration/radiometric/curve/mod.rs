@@ -7,12 +7,15 @@
 //! evidence of the data (MacKay, Neural Computation 4, 1992). Approximate exposures are unknowns with a
 //! prior (Mitsunaga and Nayar, CVPR 1999, refine them as well).
 //!
-//! `gather` collects samples, `solve` fits the exponents, `model` is the result.
+//! `gather` collects samples, `solve` fits the exponents, `model` is the result; `agreement` holds a
+//! known curve against the samples.
 
+mod agreement;
 mod gather;
 mod model;
 mod solve;
 
+pub use agreement::{disagreement, simplest};
 pub use gather::{Sample, SeriesGatherer};
 pub use model::Curve;
 
