@@ -257,6 +257,27 @@ fn writes_maps_and_lights_of_a_session() {
     assert!(line.contains("--kind"), "{line}");
 }
 
+#[test]
+fn light_survives_a_wrong_tone_curve_of_the_environment_camera() {
+    let desk = Desk::new();
+    desk.put("wrong.toml", "[environment]\nresponse = \"linear\"\n");
+    desk.works("light DESK --out right");
+    let output = desk.run("light DESK --config wrong.toml --out wrong");
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert!(
+        output.status.success() && said.contains("contradict its tone curve"),
+        "{said}"
+    );
+    let irradiance = |folder: &str| -> Vec<f64> {
+        let light = desk.json(&format!("{folder}/light.json"));
+        let up = light["irradiance"]["plus_z"].as_array().unwrap();
+        up.iter().map(|x| x.as_f64().unwrap()).collect()
+    };
+    for (right, wrong) in irradiance("right").iter().zip(irradiance("wrong")) {
+        assert!((wrong / right - 1.0).abs() < 0.05, "{right} {wrong}");
+    }
+}
+
 /// A picture of 240×200 pixels: a brighter disc with a soft border before a grey wall, or the wall
 /// alone.
 fn wall(disc: Option<f64>) -> Vec<u8> {
