@@ -16,6 +16,10 @@
 //! lamp is near if that explains the picture better than an infinite distance does, significantly
 //! over independent parts of the picture.
 
+mod agreement;
+
+pub use agreement::SurfaceAgreement;
+
 use super::adaptive::CompactSource;
 use super::light::Harmonics;
 use super::place::LampDistance;
@@ -52,6 +56,8 @@ pub type Blocked<'a> = dyn Fn(DVec3, DVec3, f64) -> bool + 'a;
 const STEPS: [f32; 2] = [0.2, 0.05];
 /// Largest reciprocal, 1/m: no lamp is nearer than 0.2 m.
 const NEAREST: f32 = 5.0;
+/// Least reciprocal distance, 1/m, from the last result that is searched once more.
+const AGAIN: f32 = 0.4;
 /// Distances of compared points, in points of the grid.
 const OFFSETS: [usize; 3] = [1, 3, 6];
 /// Side of the parts of the picture that count as independent, points of the grid.
@@ -126,6 +132,29 @@ impl<'a> DistanceSearch<'a> {
     /// Finds the distance of lamp number `lamp`, anywhere or near the one that is known, and uses it
     /// from now on. `None` if the lamp is too large for its shadows to tell.
     pub fn find(&mut self, lamp: usize, known: Option<f32>) -> Option<LampDistance> {
+        self.find_within([STEPS[0], NEAREST], lamp, known)
+    }
+
+    /// Finds the distance of lamp number `lamp` once more after those of others have changed: near the
+    /// last result as far as that was uncertain, anywhere if the lamp seemed to be far.
+    pub fn find_again(&mut self, lamp: usize) -> Option<LampDistance> {
+        let last = self.lamps.get(lamp)?.distance;
+        let range = if last.inverse > 0.0 {
+            let reach = AGAIN.max(2.0 * last.sigma);
+            let low = (last.inverse - reach).max(STEPS[0]);
+            [low, (last.inverse + reach).min(NEAREST)]
+        } else {
+            [STEPS[0], NEAREST]
+        };
+        self.find_within(range, lamp, None)
+    }
+
+    fn find_within(
+        &mut self,
+        range: [f32; 2],
+        lamp: usize,
+        known: Option<f32>,
+    ) -> Option<LampDistance> {
         let source = *self.lamps.get(lamp)?;
         if source.angular_radius > LARGEST {
             return None;
@@ -136,7 +165,7 @@ impl<'a> DistanceSearch<'a> {
             looked.push((known, self.losses(lamp, &self.by_lamp[lamp])));
             (known, 2.0 * STEPS[1])
         } else {
-            self.look(lamp, [STEPS[0], NEAREST], STEPS[0], &mut looked);
+            self.look(lamp, range, STEPS[0], &mut looked);
             (best(&looked, 0.0), STEPS[0])
         };
         let low = (around - reach).max(STEPS[1]);
@@ -287,10 +316,23 @@ impl<'a> DistanceSearch<'a> {
 
     /// Calls `each` with the block and the difference d of each pair of points that are compared.
     fn compare(&self, channel: usize, log: &[f32], mut each: impl FnMut(usize, f32)) {
+        self.pairs(&OFFSETS, |i, k, p, q| {
+            let seen = p.log_values[channel] - q.log_values[channel];
+            each(self.block(i), seen - (log[i] - log[k]));
+        });
+    }
+
+    /// Calls `each` with the numbers of every two points of one surface, these distances apart in the
+    /// grid, and the points.
+    fn pairs(
+        &self,
+        offsets: &[usize],
+        mut each: impl FnMut(usize, usize, &SurfacePoint, &SurfacePoint),
+    ) {
         let (width, points) = (self.surfaces.width, &self.surfaces.points);
         for (i, point) in points.iter().enumerate() {
             let Some(p) = point else { continue };
-            for offset in OFFSETS {
+            for offset in offsets {
                 let in_row = i % width + offset < width;
                 let beside = [in_row.then_some(i + offset), Some(i + offset * width)];
                 for k in beside.into_iter().flatten() {
@@ -298,8 +340,7 @@ impl<'a> DistanceSearch<'a> {
                         continue;
                     };
                     if q.surface == p.surface && q.normal.dot(p.normal) > SAME_NORMAL {
-                        let seen = p.log_values[channel] - q.log_values[channel];
-                        each(self.block(i), seen - (log[i] - log[k]));
+                        each(i, k, p, q);
                     }
                 }
             }
@@ -400,13 +441,32 @@ fn judged(looked: &[(f32, Losses)], known: Option<f32>) -> LampDistance {
         .fold(STEPS[1], f32::max);
     let is_near = improvement(losses(0.0), least) > SIGNIFICANT && inverse > 2.0 * sigma;
     LampDistance {
-        inverse: if is_near || known.is_some() {
-            inverse
-        } else {
-            0.0
+        inverse: match known {
+            Some(known) if known == inverse => known,
+            None if !is_near => 0.0,
+            _ => between_steps(looked, inverse),
         },
         sigma,
     }
+}
+
+/// The minimum of the parabola through the losses of the best reciprocal and its neighbours.
+fn between_steps(looked: &[(f32, Losses)], best: f32) -> f32 {
+    let total = |wanted: f32| {
+        let found = looked.iter().find(|(i, _)| (i - wanted).abs() < 0.01)?;
+        Some(found.1.iter().sum::<f32>())
+    };
+    let (before, after) = (total(best - STEPS[1]), total(best + STEPS[1]));
+    let (Some(before), Some(least), Some(after)) = (before, total(best), after) else {
+        return best;
+    };
+    let curvature = before + after - 2.0 * least;
+    let shift = if curvature > 0.0 {
+        0.5 * (before - after) / curvature
+    } else {
+        0.0
+    };
+    best + STEPS[1] * shift.clamp(-0.5, 0.5)
 }
 
 #[cfg(test)]
@@ -494,9 +554,9 @@ mod tests {
         let (seen, sources) = (table.seen(), table.sources());
         let blocked = |o: DVec3, to: DVec3, farthest: f64| blocked(known, o, to, farthest);
         let mut search = DistanceSearch::new(&seen, &sources, &sky(), OBSERVER, &blocked);
-        (0..sources.len())
-            .filter_map(|k| search.find(k, None))
-            .collect()
+        let all = 0..sources.len();
+        all.clone().for_each(|k| drop(search.find(k, None)));
+        all.filter_map(|k| search.find_again(k)).collect()
     }
 
     const BALLS: [(DVec3, f64); 2] = [
@@ -522,6 +582,26 @@ mod tests {
                 let error = (found.inverse - expected).abs();
                 assert!(error < tolerance, "{lamp}: {found:?} for {expected}");
             }
+        }
+    }
+
+    #[test]
+    fn lamps_that_hide_each_others_distances_are_found_together() {
+        // Until the others have a place, the nearest seems to be elsewhere, and to be far.
+        let lamps = vec![
+            (DVec3::new(-0.45, -0.2, 0.4), 0.3),
+            (DVec3::new(0.1, -0.95, 0.75), 0.9),
+            (DVec3::new(0.46, 0.0, 0.5), 0.5),
+        ];
+        let table = Table {
+            lamps,
+            balls: BALLS.to_vec(),
+            texture: 0.05,
+        };
+        for ((lamp, _), found) in table.lamps.iter().zip(found(&table, &BALLS)) {
+            let expected = lamp.distance(OBSERVER).recip() as f32;
+            let error = (found.inverse - expected).abs() / expected;
+            assert!(error < 0.05, "{lamp}: {found:?} for {expected}");
         }
     }
 

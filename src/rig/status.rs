@@ -266,6 +266,7 @@ fn lighting(s: &mut Snapshot, p: &Published<'_>) {
         clipped,
         probe: map,
         exposures: agreement,
+        picture,
         ..
     } = &p.prepared.light;
     let (dome_lights, compact_lights) = p.prepared.light.count();
@@ -274,6 +275,11 @@ fn lighting(s: &mut Snapshot, p: &Published<'_>) {
     s.lighting.lamps = sources.iter().map(lamp).collect();
     s.lighting.clipped_fraction = Some(f64::from(clipped.max(0.0)));
     exposures(s, *agreement);
+    if let Some(picture) = picture {
+        s.lighting.picture_difference = Some(picture.difference);
+        s.lighting.picture_difference_sigma = Some(picture.sigma);
+        s.lighting.disagreeing.clone_from(&picture.disagreeing);
+    }
     let Some(lighting) = lighting else { return };
     let is_stated = lighting.captured_at == STATED_AT;
     let captured_at = p.prepared.frame.captured_at;

@@ -51,8 +51,9 @@ pub struct RayCaster {
 }
 
 /// Properties of a part that a hit reports.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 struct Finish {
+    name: String,
     mirror: bool,
     albedo: Option<DVec3>,
 }
@@ -108,6 +109,7 @@ impl RayCaster {
 
     fn add_finish(&mut self, part: &Part) {
         self.finishes.push(Finish {
+            name: part.name.clone(),
             mirror: part.mirror,
             albedo: part.albedo.map(|albedo| albedo.as_dvec3()),
         });
@@ -144,6 +146,16 @@ impl RayCaster {
         }
         let widened = |(low, high): (DVec3, DVec3)| (low - 2.0 * margin, high + 2.0 * margin);
         parts.into_iter().map(widened).collect()
+    }
+
+    /// The name of a surface that was hit, for messages.
+    #[must_use]
+    pub fn name(&self, surface: u32) -> &str {
+        if surface == GROUND {
+            return "ground";
+        }
+        let part = self.finishes.get(surface as usize);
+        part.map_or("", |part| &part.name)
     }
 
     /// The stated diffuse reflectance of a surface that was hit.

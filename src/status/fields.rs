@@ -344,6 +344,18 @@ pub const STATUS_FIELDS: &[(&str, &str)] = &[
         "By how much the environment camera's exposures disagree about the same light under its tone curve: root mean square, relative; above 0.1 they contradict it, and a curve that they tell is used; null before two exposures have shown enough.",
     ),
     (
+        "lighting.picture_difference",
+        "By how much the contrasts of real shadows in the scene camera's picture differ from what the estimated light predicts: root mean square over the surfaces, relative; null before any was compared.",
+    ),
+    (
+        "lighting.picture_difference_sigma",
+        "Its standard error, relative; null before any was compared.",
+    ),
+    (
+        "lighting.disagreeing[]",
+        "Real surfaces whose shadows differ significantly, a line each.",
+    ),
+    (
         "lighting.dominant_direction[]",
         "Unit vector towards the dominant light, world, +Z up; null where unknown.",
     ),
@@ -809,6 +821,7 @@ mod tests {
             ..crate::GuideStatus::default()
         });
         s.lighting.dominant_direction = Some([0.0, 0.0, 1.0]);
+        s.lighting.disagreeing = vec!["ground".to_owned()];
         s.lighting.lamps = vec![LampStatus {
             position: Some([0.0; 3]),
             ..LampStatus::default()

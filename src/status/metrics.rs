@@ -220,6 +220,11 @@ fn lighting(page: &mut Page, s: &Snapshot) {
         "By how much the environment camera's exposures disagree about the same light.",
         l.exposures_disagree,
     );
+    page.some(
+        "penumbra_lighting_picture_difference_ratio",
+        "By how much real shadows in the picture differ from what the estimated light predicts.",
+        l.picture_difference,
+    );
     if let Some(map) = &l.probe {
         probe(page, map);
     }

@@ -424,6 +424,14 @@ pub struct LightingStatus {
     /// By how much the environment camera's exposures disagree about the same light under its tone
     /// curve: root mean square, relative; `None` before two exposures have shown enough.
     pub exposures_disagree: Option<f64>,
+    /// By how much the contrasts of real shadows in the scene camera's picture differ from what the
+    /// estimated light predicts: root mean square over the surfaces, relative; `None` before any was
+    /// compared.
+    pub picture_difference: Option<f64>,
+    /// Its standard error, relative.
+    pub picture_difference_sigma: Option<f64>,
+    /// A line for each real surface whose shadows differ significantly.
+    pub disagreeing: Vec<String>,
     /// Unit vector towards the dominant light, world (+Z up).
     pub dominant_direction: Option<[f64; 3]>,
     /// Dominance of that light over the rest, as a share of all light, 0..=1.

@@ -174,6 +174,8 @@ pub fn example_snapshot() -> Snapshot {
     s.lighting.age_ms = Some(8.3);
     s.lighting.clipped_fraction = Some(0.0042);
     s.lighting.exposures_disagree = Some(0.018);
+    s.lighting.picture_difference = Some(0.031);
+    s.lighting.picture_difference_sigma = Some(0.024);
     s.lighting.dominant_direction = Some([0.36, 0.48, 0.8]);
     s.planes = planes();
     white_balance(&mut s);

@@ -433,6 +433,7 @@ impl LightEstimator {
             ),
             clipped: estimator.map_or(0.0, EnvironmentEstimator::clipped_share),
             exposures: self.exposures(),
+            picture: self.places.agreement().map(Arc::new),
             probe: estimator.and_then(EnvironmentEstimator::probe_map),
         }
     }

@@ -8,6 +8,7 @@
 //! objects reflect. `scene_tables` holds what the estimator derives from a scene; a changed scene
 //! reaches it through `updates`. `state` and `view` are the data in between.
 
+pub mod agreement;
 pub mod blended;
 pub(crate) mod bracket_response;
 pub(crate) mod chart;

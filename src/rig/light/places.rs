@@ -1,5 +1,6 @@
 //! Places of the lamps: as stated, or estimated from real shadows in the scene camera's picture.
 
+use crate::light::agreement::{Agreements, PictureAgreement};
 use crate::light::view::SceneView;
 use glam::{DVec2, DVec3, Vec3};
 use penumbra_camera::{PinholeCamera, Response, Vignetting};
@@ -40,6 +41,8 @@ const SHARE: f32 = 0.3;
 const CLIPPED: f32 = 0.2;
 /// Rounds over all clipped lamps when one of them is new.
 const ROUNDS: usize = 3;
+/// Change of all reciprocal distances, 1/m, below which they are not searched once more.
+const SETTLED: f32 = 0.06;
 /// Factor on a lamp's light that makes the light another.
 const MUCH: f32 = 1.2;
 /// Angle between a stated light and a source, radians, in addition to the source's radius, up to
@@ -89,6 +92,7 @@ pub(crate) struct LampPlaces {
     /// Number of looks.
     looks: u32,
     surfaces: SeenSurfaces,
+    agreements: Agreements,
 }
 
 impl LampPlaces {
@@ -113,6 +117,7 @@ impl LampPlaces {
             rests: 0,
             looks: 0,
             surfaces: SeenSurfaces::default(),
+            agreements: Agreements::default(),
         }
     }
 
@@ -120,6 +125,12 @@ impl LampPlaces {
     pub(crate) fn set_rays(&mut self, rays: Arc<RayCaster>) {
         self.rays = rays;
         self.rests = 0;
+        self.agreements.clear();
+    }
+
+    /// How well the light explains the shadows in the picture; `None` if none was compared.
+    pub(crate) fn agreement(&self) -> Option<PictureAgreement> {
+        self.agreements.picture(&self.rays)
     }
 
     /// Looks at the shadows in a picture, if it is time to, and tells `estimator` the distances of
@@ -268,9 +279,40 @@ impl LampPlaces {
             }
             self.note(lamp, now, before.map_or(Vec3::ONE, |k| k.factor));
         }
+        if any_new {
+            let all: Vec<usize> = (0..lamps.len().min(LAMPS))
+                .filter(|k| !self.is_stated(&lamps[*k], observer))
+                .collect();
+            self.find_again(&mut search, &lamps, &all);
+        }
         gained |= self.estimate_factors(&mut search, &lamps, any_new_clipped);
+        self.agreements.add(&search.agreement());
         self.surfaces = surfaces;
         gained
+    }
+
+    /// Finds the distances of lamps once more: what the shadows tell of one depends on the others'.
+    fn find_again(
+        &mut self,
+        search: &mut DistanceSearch<'_>,
+        lamps: &[CompactSource],
+        which: &[usize],
+    ) {
+        for _ in 0..ROUNDS {
+            let mut moved = 0.0f32;
+            for &k in which {
+                let Some(known) = self.known(lamps[k].id).copied() else {
+                    continue;
+                };
+                if let Some(found) = search.find_again(k) {
+                    moved = moved.max((found.inverse - known.distance.inverse).abs());
+                    self.note(&lamps[k], found, known.factor);
+                }
+            }
+            if moved <= SETTLED || which.len() < 2 {
+                break;
+            }
+        }
     }
 
     /// Estimates the factors on clipped lamps, `anew` if one of them was not known, else as a small

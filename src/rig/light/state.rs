@@ -1,5 +1,6 @@
 //! The data between the frame loop and the light worker: request, result, active light.
 
+use crate::light::agreement::PictureAgreement;
 use crate::light::blended::{Blend, LightMixer, LightSpan};
 use crate::light::bracket_response::Agreement;
 use crate::light::timeline::LightTimeline;
@@ -93,6 +94,9 @@ pub struct LightState {
     /// Whether the environment camera's exposures agree under its tone curve; `None` if too little is
     /// well exposed twice.
     pub exposures: Option<Agreement>,
+    /// How well the light explains the real shadows in the scene camera's picture; `None` if none was
+    /// compared.
+    pub picture: Option<Arc<PictureAgreement>>,
     /// Observations of a mirrored sphere in the scene camera's picture, if there is one.
     pub probe: Option<ProbeMap>,
 }

@@ -121,7 +121,8 @@ impl GroundGrid {
         // Sides that are hidden now are in `phantoms` too, so their present light is subtracted.
         let change = |texel: &Texel| {
             let gained = texel.virtual_points.iter().map(|(point, side)| {
-                surfels.radiance(point, &self.shares, sides, light) - side.map_or(Vec3::ZERO, now)
+                surfels.radiance(point, 0.0, &self.shares, sides, light)
+                    - side.map_or(Vec3::ZERO, now)
             });
             let dimmed = texel.phantoms.iter().map(|s| now(*s) - before(*s));
             (gained.sum::<Vec3>() + dimmed.sum::<Vec3>()) * factor(texel)

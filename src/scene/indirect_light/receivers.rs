@@ -92,7 +92,7 @@ impl Receivers {
             let near = light.floor * ground.share(point.foot);
             let points = point.virtual_points.iter();
             let from_virtual =
-                points.map(|(p, rays)| surfels.radiance(p, ground, sides, light) * *rays);
+                points.map(|(p, rays)| surfels.radiance(p, 0.0, ground, sides, light) * *rays);
             let real = point.phantoms.iter();
             let from_real = real.map(|(side, rays)| sides.radiance(*side, light) * *rays);
             let arriving = from_virtual.chain(from_real).sum::<Vec3>();

@@ -207,10 +207,12 @@ impl Surfels {
         }
     }
 
-    /// Radiance of a reflecting point towards the origin of its ray.
+    /// Radiance of a reflecting point towards the origin of its ray, seen in a lobe of at least `width`,
+    /// radians.
     pub fn radiance(
         &self,
         point: &ReflectingPoint,
+        width: f32,
         ground: &GroundShares,
         sides: &SideShares,
         light: &DistantLight<'_>,
@@ -221,7 +223,9 @@ impl Surfels {
         };
         let surface = &self.all[i].surface;
         let reflected = match source {
-            Source::Sky => light.sky_radiance(self.all[i].position, direction, surface.gloss),
+            Source::Sky => {
+                light.sky_radiance(self.all[i].position, direction, surface.gloss.max(width))
+            }
             Source::Ground(texel) => light.floor * ground.share(texel),
             Source::Surfel(other) => self.total[other as usize],
             Source::Phantom(side) => sides.radiance(side, light),

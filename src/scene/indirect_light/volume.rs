@@ -8,6 +8,14 @@ use super::shares::{DistantLight, GroundShares, SideShares, ground_texel};
 use super::surfels::{ReflectingPoint, Surfels};
 use glam::{UVec3, Vec3};
 
+/// Distance from a virtual surface, in distances of probes, below which a probe stands for its neighbours
+/// no longer: what it sees is not what surfaces beside it see.
+const BESIDE: f32 = 0.5;
+/// Least width of the lobe in which a probe sees a mirror's surroundings, radians: twice the distance of its
+/// directions. A narrower one makes single probes as bright as a window, which the eye sees as a spot on
+/// the wall.
+const MIRRORED: f32 = 0.4;
+
 /// A regular grid of probes.
 pub(super) struct Volume {
     probes: Vec<Probe>,
@@ -21,7 +29,7 @@ struct Probe {
     /// Index of a direction and the phantom side there.
     phantoms: Vec<(usize, u32)>,
     window: f32,
-    /// Whether it is not inside an object.
+    /// Whether it is neither inside an object nor close to one.
     is_outside: bool,
 }
 
@@ -42,11 +50,12 @@ impl Volume {
         let [nx, ny, nz] = VOLUME_SIZE;
         let size = region.high - region.low;
         let counts = Vec3::new(nx as f32, ny as f32, nz as f32);
+        let beside = BESIDE * (size / counts).min_element();
         let probes = (0..nx * ny * nz)
             .map(|i| {
                 let cell = UVec3::new(i % nx, i / nx % ny, i / (nx * ny)).as_vec3();
                 let point = region.low + size * (cell + 0.5) / counts;
-                probe(point, obstacles, surfels, directions, region)
+                probe(point, obstacles, surfels, directions, region, beside)
             })
             .collect();
         Self { probes }
@@ -83,7 +92,7 @@ impl Volume {
                     // Hidden sides are in `phantoms` too, as for the ground.
                     Hidden::Phantom(side) => sides.radiance(*side, light),
                 };
-                let now = surfels.radiance(point, ground, sides, light);
+                let now = surfels.radiance(point, MIRRORED, ground, sides, light);
                 add(&mut out.change.volume, *direction, now - before);
             }
             for (direction, texel) in &probe.ground {
@@ -104,8 +113,8 @@ impl Volume {
         }
     }
 
-    /// Sets probes inside objects to the mean of their neighbours, so that surfaces beside them are
-    /// not too dark.
+    /// Sets probes inside objects or close to them to the mean of their neighbours, so that surfaces
+    /// beside them are neither too dark nor too bright.
     fn fill_inside(&self, face: &mut [Vec3]) {
         let [nx, ny, nz] = VOLUME_SIZE.map(|n| n as usize);
         let strides = [(1, nx), (nx, ny), (nx * ny, nz)];
@@ -137,6 +146,7 @@ fn probe(
     surfels: &Surfels,
     directions: &Directions,
     region: &Region,
+    beside: f32,
 ) -> Probe {
     let mut probe = Probe {
         virtual_points: Vec::new(),
@@ -145,9 +155,11 @@ fn probe(
         window: region.window(point),
         is_outside: false,
     };
+    let mut nearest = f32::INFINITY;
     for (i, d) in directions.all.iter().enumerate() {
         match obstacles.first_hit(point, *d) {
             FirstHit::Virtual(hit) => {
+                nearest = nearest.min(hit.point.distance(point));
                 let hidden = match obstacles.hidden_side(point, *d) {
                     Some(side) => Hidden::Phantom(side),
                     None if obstacles.floor.is_some() && d.z < 0.0 => Hidden::Ground,
@@ -172,5 +184,6 @@ fn probe(
             FirstHit::Phantom(side) => probe.phantoms.push((i, side)),
         }
     }
+    probe.is_outside &= nearest >= beside;
     probe
 }

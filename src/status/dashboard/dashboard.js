@@ -114,6 +114,12 @@ function distances(lamps) {
   return each.join(', ') || '–';
 }
 
+function agreement(l) {
+  if (l.picture_difference === null) return '–';
+  const whole = `${percent(l.picture_difference, 0)} ± ${percent(l.picture_difference_sigma, 0)}`;
+  return [whole, ...l.disagreeing].join('; ');
+}
+
 function environment(s) {
   const l = s.lighting;
   flag($('light-flag'), l.stale ? `old light: ${l.stale}` : '');
@@ -125,6 +131,7 @@ function environment(s) {
     ['age of the light', age(l.age_ms)],
     ['clipped', percent(l.clipped_fraction, 2)],
     ['exposures disagree by', percent(l.exposures_disagree, 0)],
+    ['real shadows agree to', agreement(l)],
     ['dominant light, elevation', elevation(l.dominant_direction)],
     ['dominance', percent(l.dominance, 0)],
   ]);
