@@ -37,8 +37,10 @@ pub struct Nearby {
 pub enum Between {
     /// What lies on their surface and mirrors what they do.
     Known(Nearby),
-    /// Several surfaces.
-    Surfaces,
+    /// Several surfaces, or the edge of one.
+    Outline,
+    /// One surface that turns too much to know what lies between.
+    Curve,
     /// One surface that mirrors several things.
     Reflections,
 }
@@ -60,8 +62,11 @@ impl Nearby {
         if corners.iter().all(|c| c.z == 0.0) {
             return Between::Known(Self::NOTHING);
         }
+        if !corners.iter().all(|c| first.is_as_far_as(c)) {
+            return Between::Outline;
+        }
         if !corners.iter().all(|c| first.is_on_surface_of(c)) {
-            return Between::Surfaces;
+            return Between::Curve;
         }
         if !corners.iter().all(|c| first.mirrors_the_same(c)) {
             return Between::Reflections;
@@ -87,9 +92,13 @@ impl Nearby {
         self.z < 0.0
     }
 
-    fn is_on_surface_of(&self, other: &Self) -> bool {
+    /// Whether another point may lie on the same surface.
+    pub fn is_as_far_as(&self, other: &Self) -> bool {
         (self.z - other.z).abs() < SAME_DISTANCE * self.z.abs()
-            && self.normal.dot(other.normal) > SAME_NORMAL
+    }
+
+    fn is_on_surface_of(&self, other: &Self) -> bool {
+        self.is_as_far_as(other) && self.normal.dot(other.normal) > SAME_NORMAL
     }
 
     fn mirrors_the_same(&self, other: &Self) -> bool {

@@ -217,7 +217,9 @@ impl Work<'_> {
         let [left, top, ..] = self.tiles.rectangle.map(|n| n as usize);
         let covered = &self.tiles.covered[(top + number) * self.tiles.across as usize + left..];
         texels.fill(NOTHING);
-        let mut waiting = self.slopes.each_ref().map(|slopes| Waiting::new(slopes));
+        let [few, many] = &self.slopes;
+        let kinds = [(few, true), (few, false), (many, false)];
+        let mut waiting = kinds.map(|(slopes, is_outline)| Waiting::new(slopes, is_outline));
         for x in (0..across).filter(|x| covered[x / side] != 0) {
             for y in 0..side {
                 let own = y * across + x;
@@ -226,8 +228,9 @@ impl Work<'_> {
                         texels[own] = packed(&found);
                         continue;
                     }
-                    Between::Surfaces => &mut waiting[0],
-                    Between::Reflections => &mut waiting[1],
+                    Between::Outline => &mut waiting[0],
+                    Between::Curve => &mut waiting[1],
+                    Between::Reflections => &mut waiting[2],
                 };
                 let pixel = Vec2::new((left * side + x) as f32, ((top + number) * side + y) as f32);
                 waiting.pixels[waiting.count] = pixel;
@@ -247,7 +250,7 @@ impl Work<'_> {
     fn between(&self, lattice: &[Nearby], across: usize, (x, y): (usize, usize)) -> Between {
         let step = self.step as usize;
         if step == 1 {
-            return Between::Known(lattice[y * across + x]);
+            return at_pixel(lattice, across, (x, y));
         }
         let across = across / step;
         let down = lattice.len() / across;
@@ -272,10 +275,39 @@ impl Work<'_> {
         }
         let last = waiting.pixels[count - 1];
         waiting.pixels[count..].fill(last);
-        let found = self.tracer.trace_smoothly(waiting.slopes, waiting.pixels);
+        let found = if waiting.is_outline {
+            self.tracer.trace_outlines(waiting.slopes, waiting.pixels)
+        } else {
+            self.tracer.trace_smoothly(waiting.slopes, waiting.pixels)
+        };
         for (found, texel) in found.iter().zip(&waiting.texels[..count]) {
             texels[*texel] = packed(found);
         }
+    }
+}
+
+/// What a lattice of all pixels tells of one.
+fn at_pixel(lattice: &[Nearby], across: usize, (x, y): (usize, usize)) -> Between {
+    let own = &lattice[y * across + x];
+    let down = lattice.len() / across;
+    let beside = [
+        (x.saturating_sub(1), y),
+        ((x + 1).min(across - 1), y),
+        (x, y.saturating_sub(1)),
+        (x, (y + 1).min(down - 1)),
+    ];
+    let is_edge = beside
+        .into_iter()
+        .any(|(x, y)| !own.is_as_far_as(&lattice[y * across + x]));
+    // Nothing at all lies nowhere: it is not as far as itself.
+    let is_empty = own.z == 0.0
+        && beside
+            .into_iter()
+            .all(|(x, y)| lattice[y * across + x].z == 0.0);
+    if is_edge && !is_empty {
+        Between::Outline
+    } else {
+        Between::Known(*own)
     }
 }
 
@@ -283,15 +315,17 @@ impl Work<'_> {
 struct Waiting<'a> {
     /// Of their rays.
     slopes: &'a [Vec2],
+    is_outline: bool,
     pixels: [Vec2; LANES],
     texels: [usize; LANES],
     count: usize,
 }
 
 impl<'a> Waiting<'a> {
-    const fn new(slopes: &'a [Vec2]) -> Self {
+    const fn new(slopes: &'a [Vec2], is_outline: bool) -> Self {
         Self {
             slopes,
+            is_outline,
             pixels: [Vec2::ZERO; LANES],
             texels: [0; LANES],
             count: 0,

@@ -43,6 +43,8 @@ const WITHIN_PIXEL: [Vec2; 4] = [
     Vec2::new(-0.375, 0.125),
     Vec2::new(0.125, 0.375),
 ];
+/// Share of the distance by which two places within a pixel may differ and show the same surface.
+const SAME: f32 = 0.02;
 /// Angle between successive points of a spiral.
 const GOLDEN: f32 = 2.399_963_2;
 
@@ -259,6 +261,19 @@ impl Tracer<'_> {
         found
     }
 
+    /// The same at outlines, by the mean over each pixel: there a surface turns away from the camera
+    /// within a pixel and mirrors half of its surroundings, which would be a row of dots.
+    pub fn trace_outlines(&self, slopes: &[Vec2], pixels: [Vec2; LANES]) -> [Nearby; LANES] {
+        let mut found: [OutlineMean; LANES] = std::array::from_fn(|_| OutlineMean::default());
+        for offset in WITHIN_PIXEL {
+            let more = self.trace(slopes, pixels.map(|pixel| pixel + offset));
+            for (found, more) in found.iter_mut().zip(more) {
+                found.add(more);
+            }
+        }
+        found.map(OutlineMean::mean)
+    }
+
     /// Traces ray `number` of each mirror.
     fn reflect(
         &self,
@@ -421,6 +436,43 @@ impl Tracer<'_> {
             };
             mirror.sum.light += second.reflectance * arriving;
         }
+    }
+}
+
+/// What a surface mirrors on average at the places within a pixel that show it: the nearest one.
+#[derive(Default)]
+struct OutlineMean {
+    sum: Option<Nearby>,
+    count: f32,
+}
+
+impl OutlineMean {
+    fn add(&mut self, more: Nearby) {
+        if more.z == 0.0 {
+            return;
+        }
+        match &mut self.sum {
+            Some(sum) if (more.z - sum.z).abs() <= SAME * sum.z.abs() => {
+                sum.light += more.light;
+                sum.open += more.open;
+                // The place is a mean over what is seen.
+                let seen = sum.seen + more.seen;
+                sum.place = (sum.place * sum.seen + more.place * more.seen) / seen.max(1e-6);
+                sum.seen = seen;
+                self.count += 1.0;
+            }
+            Some(sum) if sum.z.abs() <= more.z.abs() => (),
+            _ => (self.sum, self.count) = (Some(more), 1.0),
+        }
+    }
+
+    fn mean(self) -> Nearby {
+        self.sum.map_or(Nearby::NOTHING, |sum| Nearby {
+            light: sum.light / self.count,
+            open: sum.open / self.count,
+            seen: sum.seen / self.count,
+            ..sum
+        })
     }
 }
 

@@ -269,3 +269,28 @@ fn rough_scenes_have_nothing_to_trace() {
     );
     assert!(NearbyScene::new(&scene(vec![matt], Vec::new())).is_none());
 }
+
+#[test]
+fn an_outline_is_the_mean_of_the_nearest_surface_alone() {
+    let place = |z: f32, light: f32, open: f32| Nearby {
+        light: Vec3::splat(light),
+        open,
+        z,
+        ..Nearby::NOTHING
+    };
+    let mut mean = OutlineMean::default();
+    for each in [
+        place(0.9, 8.0, 0.0),
+        place(0.5, 1.0, 1.0),
+        Nearby::NOTHING,
+        place(0.501, 3.0, 0.5),
+    ] {
+        mean.add(each);
+    }
+    let mean = mean.mean();
+    assert_eq!(
+        (mean.light, mean.open, mean.z),
+        (Vec3::splat(2.0), 0.75, 0.5)
+    );
+    assert_eq!(OutlineMean::default().mean(), Nearby::NOTHING);
+}
