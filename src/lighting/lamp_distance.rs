@@ -555,7 +555,9 @@ mod tests {
         let blocked = |o: DVec3, to: DVec3, farthest: f64| blocked(known, o, to, farthest);
         let mut search = DistanceSearch::new(&seen, &sources, &sky(), OBSERVER, &blocked);
         let all = 0..sources.len();
-        all.clone().for_each(|k| drop(search.find(k, None)));
+        for k in all.clone() {
+            search.find(k, None);
+        }
         all.filter_map(|k| search.find_again(k)).collect()
     }
 

@@ -254,20 +254,26 @@ fn record_button_records_a_live_rig() {
         (bytes / 1e6 - shown).abs() < 0.11,
         "{bytes} bytes, {shown} MB shown"
     );
-    let (mut scene, mut environment, mut tracker) = (0, 0, 0);
-    for event in Session::open(&file).unwrap().events() {
-        match event.unwrap() {
-            SessionEvent::Scene(_) => scene += 1,
-            SessionEvent::Environment(_) => environment += 1,
-            SessionEvent::TrackerBytes { .. } => tracker += 1,
-            _ => {}
-        }
-    }
-    let counts = (scene, environment, tracker);
+    let counts = recorded(&file);
+    let [scene, environment, tracker] = counts;
     assert!(
         scene >= 10 && environment >= 10 && tracker >= 20,
         "{counts:?}"
     );
+}
+
+/// Pictures of the scene camera and of the environment camera, and chunks of tracker bytes in a session.
+fn recorded(file: &Path) -> [usize; 3] {
+    let mut counts = [0; 3];
+    for event in Session::open(file).unwrap().events() {
+        match event.unwrap() {
+            SessionEvent::Scene(_) => counts[0] += 1,
+            SessionEvent::Environment(_) => counts[1] += 1,
+            SessionEvent::TrackerBytes { .. } => counts[2] += 1,
+            _ => {}
+        }
+    }
+    counts
 }
 
 /// Starts a live rig whose camera sees a board; its files are in `folder`.
