@@ -40,7 +40,7 @@ DEMO_PAGE := http://127.0.0.1:8780
 OPEN_PAGE := if [ -n "$(DISPLAY)$(WAYLAND_DISPLAY)" ] && command -v xdg-open >/dev/null; then \
   (for _ in $$(seq 60); do curl -sf $(DEMO_PAGE)/healthz >/dev/null && { xdg-open $(DEMO_PAGE) >/dev/null 2>&1; break; }; sleep 1; done) & fi
 
-.PHONY: announce help demo demo-desk demo-temple demo-lamp demo-webcam build test check docs docs-write unit advisories bench bench-table bench-compare gpu-check fidelity near-lamps calibration faults soak fuzz fmt packages-demo packages-test toolchain clean install uninstall deb tarball deb-proof test-devices power-cut service-proof viewers model miri sanitize vet sbom
+.PHONY: announce help demo demo-desk demo-temple demo-lamp demo-webcam build test check docs docs-write unit advisories bench bench-table bench-compare gpu-check fidelity near-lamps calibration faults soak fuzz fmt packages-demo packages-test toolchain clean install uninstall deb tarball deb-proof test-devices cross power-cut service-proof viewers model miri sanitize vet sbom
 
 help: ## This list
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/' | expand -t 14
@@ -93,6 +93,9 @@ unit: toolchain ## Rust tests alone
 
 test-devices: toolchain ## Real kernel cameras and serial ports, in a small VM; ARGS="environment kernel program serial"
 	@tests/devices/run $(ARGS)
+
+cross: toolchain ## Compile for Windows (MinGW) and macOS (Rust only), as far as the targets are installed
+	@$(UNPACKED) .ci/test cross
 
 power-cut: toolchain ## Cut the power of a recording rig in a VM, at a hundred instants; ARGS="--seconds 20 --cuts 100 --write"
 	@python3 tests/devices/power_cut.py $(ARGS)

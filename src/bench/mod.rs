@@ -65,7 +65,8 @@ pub enum BenchError {
     /// A picture of the recording cannot be compressed.
     #[error("a picture cannot be compressed: {0}; choose another --size")]
     Picture(#[from] turbojpeg::Error),
-    /// The simulated tracker cannot start.
+    /// The simulated tracker cannot start. Without pseudo-terminals the rig is measured without it.
+    #[cfg(unix)]
     #[error("cannot start the simulated tracker: {source}; end other programs")]
     Tracker {
         /// The system's message.

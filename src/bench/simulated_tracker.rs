@@ -62,7 +62,7 @@ mod at_pty {
     }
 }
 
-/// Error on systems without pseudo-terminals.
+/// No tracker, on systems without pseudo-terminals.
 #[cfg(not(unix))]
 pub(super) struct PlayedTracker;
 

@@ -33,7 +33,7 @@ pub fn run(args: &RunArgs) -> anyhow::Result<ExitCode> {
     let live = Live::new(&config, true)?;
     let recorder = Recorder::new(
         live.hub.clone(),
-        (live.files.clone(), live.composites.clone()),
+        live.contents.clone(),
         config.recording.clone(),
         status.clone(),
     );

@@ -65,10 +65,9 @@ pub fn run(args: &RecordArgs) -> anyhow::Result<ExitCode> {
     let status = SharedStatus::new(live_settings(&config));
     let live = Live::new(&config, false)?;
     // The recording would hold files that nobody can use.
-    live.files.document(&config)?;
-    let (hub, files) = (live.hub.clone(), live.files.clone());
-    let files = (files, live.composites.clone());
-    let recorder = Recorder::new(hub, files, config.recording, status.clone());
+    live.contents.files.document(&config)?;
+    let (hub, contents) = (live.hub.clone(), live.contents.clone());
+    let recorder = Recorder::new(hub, contents, config.recording, status.clone());
     let shutdown = Arc::new(AtomicBool::new(false));
     let service = Service::start(None, shutdown.clone())?;
     let duration = args.duration.map(Duration::from_secs_f64);

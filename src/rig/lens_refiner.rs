@@ -8,6 +8,7 @@ use crate::calibration_runner::files::calibration_folder;
 use crate::error::RigError;
 use crate::setup::RigSetup;
 use crate::source::Source;
+use crate::viewed::RefinedLens;
 use crate::wall_date::iso_now;
 use crossbeam_channel::{Receiver, Sender, bounded};
 use glam::DVec2;
@@ -109,6 +110,10 @@ impl LensRefiner {
                 .ok()
                 .map(|folder| folder.join(SCENE_LENS)),
             found: Arc::clone(&found),
+            recorded: match source {
+                Source::Live(live) => Arc::clone(&live.contents.refined_lens),
+                Source::Recorded(_) => Arc::default(),
+            },
         };
         let thread = threads::spawn_background("lens", move || worker.run(&waiting))
             .map_err(|source| RigError::Thread { source })?;
@@ -245,6 +250,8 @@ struct Worker {
     /// The lens file; `None` if the rig has no folder.
     file: Option<PathBuf>,
     found: Arc<Mutex<Found>>,
+    /// What recordings state.
+    recorded: Arc<RefinedLens>,
 }
 
 impl Worker {
@@ -299,6 +306,7 @@ impl Worker {
         found.status.reprojection_px = Some(assessed.estimate.rms);
         found.status.focal_sigma_percent =
             Some(100.0 * assessed.estimate.sigma[0] / camera.focal.x);
+        self.recorded.set(camera.clone());
         found.camera = Some(camera);
         drop(found);
         self.keep(&outcome);

@@ -77,6 +77,7 @@ pub mod recorder;
 pub mod service;
 pub mod simulate;
 pub mod synced_file;
+mod viewed;
 pub mod wall_date;
 
 pub use composites::Composites;
@@ -90,4 +91,5 @@ pub use report::Report;
 pub use runner::Runner;
 pub use settings::live_settings;
 pub use setup::RigSetup;
-pub use source::{Live, RigFiles, Source};
+pub use source::{Live, RecordingContents, RigFiles, Source};
+pub use viewed::RefinedLens;

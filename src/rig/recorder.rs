@@ -2,18 +2,20 @@
 //! composited pictures. No other thread waits for it: events that arrive while its queue is full are
 //! dropped and counted.
 
-use crate::composites::{CompositeQueue, Composites, EncodedComposite};
+use crate::composites::{CompositeQueue, EncodedComposite};
 use crate::error::RigError;
-use crate::source::RigFiles;
+use crate::source::RecordingContents;
 use crate::synced_file::{SyncedFile, sync_folder_of};
+use crate::viewed::pinhole;
 use crate::wall_date::utc_now;
+use penumbra_camera::PinholeCamera;
 use penumbra_capture::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use penumbra_capture::sync::channel::{Receiver, RecvTimeoutError, bounded};
 use penumbra_capture::sync::{JoinHandle, Mutex, limit, threads};
 use penumbra_capture::{Hub, RecorderQueue};
 use penumbra_config::RecordingConfig;
 use penumbra_interface::{Clock, MonotonicTime, SystemClock};
-use penumbra_session::{SessionError, SessionEvent, SessionWriter, new_file};
+use penumbra_session::{Camera, RigViews, SessionError, SessionEvent, SessionWriter, new_file};
 use penumbra_status::SharedStatus;
 use penumbra_status::recording::{
     Recording, RecordingControl, RecordingRefusal, RecordingRequest, RecordingState,
@@ -45,8 +47,7 @@ pub type WrapFile = Box<dyn Fn(File) -> Box<dyn RecordingFile> + Send + Sync>;
 /// Records the events of a [`Hub`] on request.
 pub struct Recorder {
     hub: Arc<Hub>,
-    files: Arc<RigFiles>,
-    composites: Arc<Composites>,
+    contents: RecordingContents,
     config: RecordingConfig,
     status: Arc<SharedStatus>,
     wrap: WrapFile,
@@ -60,12 +61,11 @@ struct Running {
 }
 
 impl Recorder {
-    /// Creates an idle recorder of the events of `hub` and of composited pictures, with files as
-    /// attachments.
+    /// Creates an idle recorder of the events of `hub` and of `contents`.
     #[must_use]
     pub fn new(
         hub: Arc<Hub>,
-        contents: (Arc<RigFiles>, Arc<Composites>),
+        contents: RecordingContents,
         config: RecordingConfig,
         status: Arc<SharedStatus>,
     ) -> Arc<Self> {
@@ -82,7 +82,7 @@ impl Recorder {
     #[must_use]
     pub fn on_disk(
         hub: Arc<Hub>,
-        (files, composites): (Arc<RigFiles>, Arc<Composites>),
+        contents: RecordingContents,
         config: RecordingConfig,
         status: Arc<SharedStatus>,
         wrap: WrapFile,
@@ -94,8 +94,7 @@ impl Recorder {
         });
         Arc::new(Self {
             hub,
-            files,
-            composites,
+            contents,
             config,
             status,
             wrap,
@@ -159,16 +158,20 @@ impl Recorder {
         let configured = configured.map(|nanos| Duration::from_nanos(nanos.unsigned_abs()));
         let file = BufWriter::new((self.wrap)(new_file(path)?));
         let writer = SessionWriter::new(file, path)?;
-        let composites = composite.then(|| self.composites.start()).transpose();
+        let composites = composite
+            .then(|| self.contents.composites.start())
+            .transpose();
         let composites = composites.map_err(|source| RigError::Thread { source })?;
         Ok(Job {
             writer,
+            views: RigViews::new((*self.contents.viewed).clone()),
+            viewed_lens: None,
             queue,
             composites,
             queued_bytes: Arc::default(),
             dropped: Arc::default(),
             hub: Arc::clone(&self.hub),
-            files: Arc::clone(&self.files),
+            contents: self.contents.clone(),
             status: Arc::clone(&self.status),
             stop: Arc::default(),
             path: path.to_owned(),
@@ -257,12 +260,15 @@ enum End {
 /// A running recording.
 struct Job {
     writer: SessionWriter<BufWriter<Box<dyn RecordingFile>>>,
+    views: RigViews,
+    /// The refined lens that viewers were told last.
+    viewed_lens: Option<Arc<PinholeCamera>>,
     queue: Receiver<SessionEvent>,
     composites: Option<CompositeQueue>,
     queued_bytes: Arc<AtomicU64>,
     dropped: Arc<AtomicU64>,
     hub: Arc<Hub>,
-    files: Arc<RigFiles>,
+    contents: RecordingContents,
     status: Arc<SharedStatus>,
     stop: Arc<AtomicBool>,
     path: PathBuf,
@@ -292,7 +298,7 @@ impl Job {
     }
 
     fn record(&mut self) -> Result<End, SessionError> {
-        for file in self.files.all() {
+        for file in self.contents.files.all() {
             self.writer.attach(&file.name, &file.data)?;
         }
         sync_folder_of(&self.path);
@@ -358,7 +364,26 @@ impl Job {
             }
             Err(error) => return Err(error),
         }
-        Ok(())
+        match self.write_views(event) {
+            // Only viewers miss it: the event itself is written or counted.
+            Err(SessionError::Unrecordable { .. }) => Ok(()),
+            written => written,
+        }
+    }
+
+    /// Writes what viewers need beside an event: lenses and frame tree at the first one, the tracker's
+    /// poses, and a lens that was refined since the previous event.
+    fn write_views(&mut self, event: &SessionEvent) -> Result<(), SessionError> {
+        self.views.event(&mut self.writer, event)?;
+        let newest = self.contents.refined_lens.newest();
+        let same = |a: &Arc<_>| self.viewed_lens.as_ref().is_some_and(|b| Arc::ptr_eq(a, b));
+        let Some(lens) = newest.filter(|lens| !same(lens)) else {
+            return Ok(());
+        };
+        let viewed = pinhole(Camera::Scene, &lens);
+        self.viewed_lens = Some(lens);
+        self.views
+            .lens(&mut self.writer, &viewed, event.arrived_at())
     }
 
     /// Writes the composited pictures that are encoded.

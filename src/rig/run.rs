@@ -72,7 +72,7 @@ fn compositor(context: &RunContext, gpu: Gpu, writes_files: bool) -> Compositor 
 /// Returns where a recording wants the composited pictures.
 fn composites(source: &Source) -> Option<&Composites> {
     match source {
-        Source::Live(live) => Some(&*live.composites).filter(|c| c.wanted()),
+        Source::Live(live) => Some(&*live.contents.composites).filter(|c| c.wanted()),
         Source::Recorded(_) => None,
     }
 }

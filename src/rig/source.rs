@@ -2,12 +2,14 @@
 
 use crate::composites::Composites;
 use crate::error::RigError;
+use crate::viewed::{RefinedLens, viewed_rig};
 use penumbra_capture::{Capture, Devices, Hub, LiveDevice};
 use penumbra_config::TrackerSource;
 use penumbra_config::{Config, TrackerUnits};
 use penumbra_interface::{MonotonicTime, SystemClock};
 use penumbra_rig_model::RigDocument;
-use penumbra_session::{Attachment, Session, import};
+use penumbra_rig_model::lens_files::SCENE_LENS;
+use penumbra_session::{Attachment, Session, ViewedRig, import};
 use std::fs::File;
 use std::io::Read;
 use std::path::Path;
@@ -34,10 +36,22 @@ pub struct Live {
     pub devices: Arc<Devices>,
     /// Supervisors of the devices; empty until they are opened.
     capture: Arc<OnceLock<Capture>>,
-    /// Files of the rig: calibration, phantoms, objects.
+    /// The rig's files (calibration, phantoms, objects), and what else a recording holds beside the
+    /// devices' deliveries.
+    pub contents: RecordingContents,
+}
+
+/// What a recording holds beside the devices' deliveries.
+#[derive(Clone, Default)]
+pub struct RecordingContents {
+    /// Files of the rig, which are attached.
     pub files: Arc<RigFiles>,
-    /// Composited pictures for the recorder.
+    /// Composited pictures.
     pub composites: Arc<Composites>,
+    /// What viewers are told of the rig.
+    pub viewed: Arc<ViewedRig>,
+    /// The scene camera's lens, if it was refined since the start.
+    pub refined_lens: Arc<RefinedLens>,
 }
 
 /// Observes the devices of a [`Live`] without keeping them open.
@@ -152,12 +166,16 @@ impl Live {
             environment_camera: config.environment_camera.clone(),
             tracker: tracker(config, &files)?,
         };
+        let contents = RecordingContents {
+            viewed: Arc::new(viewed(config, &files, devices.tracker.as_ref())),
+            files: Arc::new(files),
+            ..RecordingContents::default()
+        };
         Ok(Self {
             hub: Hub::new(Arc::new(SystemClock), composed),
             devices: Arc::new(devices),
             capture: Arc::default(),
-            files: Arc::new(files),
-            composites: Arc::default(),
+            contents,
         })
     }
 
@@ -211,13 +229,23 @@ pub(super) fn tracker(
     Ok(source)
 }
 
+/// Returns what viewers of a recording are told of the rig: nothing where its files are invalid, which whoever
+/// uses them reports.
+fn viewed(config: &Config, files: &RigFiles, tracker: Option<&TrackerSource>) -> ViewedRig {
+    let lens_known = files.get("rig.json").or(files.get(SCENE_LENS)).is_some();
+    let document = files.document(config).ok();
+    document.map_or_else(ViewedRig::default, |document| {
+        viewed_rig(&document.calibration, lens_known, tracker)
+    })
+}
+
 impl Source {
     /// Returns a file of the rig.
     #[must_use]
     pub fn attachment(&self, name: &str) -> Option<&[u8]> {
         match self {
             Self::Recorded(session) => session.attachment(name),
-            Self::Live(live) => live.files.get(name),
+            Self::Live(live) => live.contents.files.get(name),
         }
     }
 
@@ -225,14 +253,14 @@ impl Source {
     pub(super) fn files(&self) -> RigFiles {
         match self {
             Self::Recorded(session) => RigFiles(session.attachments().to_vec()),
-            Self::Live(live) => RigFiles::clone(&live.files),
+            Self::Live(live) => RigFiles::clone(&live.contents.files),
         }
     }
 
     /// Parses the description of the rig. Only a live rig may lack a `rig.json`.
     pub(super) fn document(&self, config: &Config) -> Result<RigDocument, RigError> {
         match self {
-            Self::Live(live) => live.files.document(config),
+            Self::Live(live) => live.contents.files.document(config),
             Self::Recorded(session) => Ok(RigDocument::from_session(&|name: &str| {
                 session.attachment(name)
             })?),

@@ -49,7 +49,7 @@ pub use journal::LightRecord;
 pub use loss::LostMessages;
 pub use reader::Session;
 pub use topics::Camera;
-pub use views::RigViews;
+pub use views::{Distortion, RigViews, ViewedLens, ViewedRig, sensor_frame};
 pub use writer::{SessionWriter, new_file};
 
 #[cfg(test)]

@@ -271,12 +271,12 @@ pub(super) fn pose_sample(data: Bytes, arrived_at: MonotonicTime) -> Result<Pose
     }
 }
 
-/// A camera without distortion, for viewers.
+/// A camera's lens, for viewers. `distortion`: name of the model and its coefficients.
 pub(super) fn camera_calibration(
     camera: Camera,
     (width, height): (u32, u32),
     k: [f64; 9],
-    model: &str,
+    (model, distortion): (&str, Vec<f64>),
     stamp: Timestamp,
 ) -> CameraCalibration {
     let [fx, _, cx, _, fy, cy, ..] = k;
@@ -286,7 +286,7 @@ pub(super) fn camera_calibration(
         width,
         height,
         distortion_model: model.to_owned(),
-        d: vec![0.0; if model == "kannala_brandt" { 4 } else { 5 }],
+        d: distortion,
         k: k.to_vec(),
         r: vec![1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
         p: vec![fx, 0.0, cx, 0.0, 0.0, fy, cy, 0.0, 0.0, 0.0, 1.0, 0.0],

@@ -62,11 +62,11 @@ impl Rig {
         let shutdown = Arc::<AtomicBool>::default();
         let live = Live::new(&config, true).unwrap();
         let disk = FaultyDisk::default();
-        let files = (live.files.clone(), live.composites.clone());
+        let contents = live.contents.clone();
         let faulty = disk.clone();
         let recorder = Recorder::on_disk(
             live.hub.clone(),
-            files,
+            contents,
             config.recording.clone(),
             status.clone(),
             Box::new(move |file| Box::new(faulty.file(SyncedFile::new(file)))),

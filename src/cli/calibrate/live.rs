@@ -148,7 +148,7 @@ fn observe(
     args: &LiveArgs,
     (live, monitor, signals): (&Live, &CalibrationMonitor, &EndSignals),
 ) -> EndReason {
-    let tracker = live.files.document(config).ok();
+    let tracker = live.contents.files.document(config).ok();
     let tracker = tracker.and_then(|rig| rig.calibration.tracker);
     let wants = step.inputs();
     let line = Line::new(step.name());

@@ -4,7 +4,7 @@ use penumbra_calibration::simulation::{FrameTruth, SimulatedRig, SimulatedWebcam
 use penumbra_interface::{Frame, MonotonicTime, PixelFormat};
 use penumbra_numerics::Random;
 use penumbra_picture::Picture;
-use penumbra_session::{Camera, RigViews, SessionError, SessionWriter};
+use penumbra_session::{Camera, RigViews, SessionError, SessionWriter, ViewedRig};
 use penumbra_status::stream::{EncodeError, JpegEncoder};
 use serde_json::Value;
 use std::fs::File;
@@ -75,7 +75,7 @@ fn record(
 ) -> Result<Value, SimulationRecordingError> {
     let rig_json = simulation.rig_json();
     writer.attach("rig.json", rig_json.to_string().as_bytes())?;
-    let mut views = RigViews::new(rig_json);
+    let mut views = RigViews::new(ViewedRig::from_rig_json(&rig_json));
     let mut random = Random::new(simulation.options.seed ^ 0x5eed);
     let events = schedule(simulation, &mut random);
     let mut encoder = JpegEncoder::new(JPEG_QUALITY)?;
@@ -91,7 +91,7 @@ fn record(
                 let record = fastrak_record(simulation.measured(at, &mut random));
                 let (bytes, arrived_at) = (record.as_bytes(), instant(arrival));
                 writer.tracker_bytes("fastrak", bytes, arrived_at)?;
-                views.tracker_bytes(&mut writer, bytes, arrived_at)?;
+                views.tracker_bytes(&mut writer, "fastrak", (bytes, arrived_at))?;
             }
             Event::Picture(camera) => {
                 let mut frame =

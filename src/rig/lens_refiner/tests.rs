@@ -54,6 +54,7 @@ fn lens_of_a_moved_webcam_is_found_and_kept() {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join(SCENE_LENS);
     let found = Arc::<Mutex<Found>>::default();
+    let recorded = Arc::<RefinedLens>::default();
     let worker = Worker {
         size: (640, 480),
         collector: ViewCollector::new(NO_BOARD),
@@ -61,6 +62,7 @@ fn lens_of_a_moved_webcam_is_found_and_kept() {
         uncertainty: f64::INFINITY,
         file: Some(file.clone()),
         found: Arc::clone(&found),
+        recorded: Arc::clone(&recorded),
     };
     let (views, waiting) = bounded(1000);
     let mut refiner = LensRefiner {
@@ -85,6 +87,7 @@ fn lens_of_a_moved_webcam_is_found_and_kept() {
     let focal_error = (camera.focal.x / truth.focal.x - 1.0).abs();
     assert!(focal_error < 0.01, "{focal_error}");
     assert!(camera.centre.distance(truth.centre) < 6.0, "{camera:?}");
+    assert_eq!(recorded.newest().as_deref(), Some(&camera));
     assert!(refiner.take_lens().is_none(), "a lens is handed over once");
     let record = LensRecord::parse(SCENE_LENS, &std::fs::read(&file).unwrap()).unwrap();
     assert_eq!(

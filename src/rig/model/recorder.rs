@@ -9,7 +9,7 @@ use penumbra_config::RecordingConfig;
 use penumbra_interface::SystemClock;
 use penumbra_rig::recorder::{RecordingFile, WrapFile};
 use penumbra_rig::source::RigFiles;
-use penumbra_rig::{Composites, Recorder, RigError};
+use penumbra_rig::{Composites, Recorder, RecordingContents, RigError};
 use penumbra_session::{Session, SessionError, SessionEvent};
 use penumbra_status::recording::{Recording, RecordingControl, RecordingRequest, RecordingState};
 use penumbra_status::{Settings, SharedStatus};
@@ -48,7 +48,11 @@ impl Bench {
             reserve_bytes: 0,
             ..RecordingConfig::default()
         };
-        let contents = (files, Arc::clone(&composites));
+        let contents = RecordingContents {
+            files,
+            composites: Arc::clone(&composites),
+            ..RecordingContents::default()
+        };
         let recorder = Recorder::on_disk(hub.clone(), contents, config, status.clone(), wrap);
         Self {
             folder,

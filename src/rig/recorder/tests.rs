@@ -1,4 +1,5 @@
 use super::*;
+use crate::composites::Composites;
 use crate::wall_date::civil;
 use bytes::Bytes;
 use penumbra_faulty::FaultyDisk;
@@ -35,7 +36,7 @@ fn recorder(folder: &Path, reserve_bytes: u64) -> (Arc<Hub>, Arc<SharedStatus>, 
     };
     let recorder = Recorder::new(
         hub.clone(),
-        (Arc::default(), Arc::default()),
+        RecordingContents::default(),
         config,
         status.clone(),
     );
@@ -49,13 +50,16 @@ fn recorder_of_composites(
     let hub = Hub::new(Arc::new(SystemClock), false);
     let status = SharedStatus::new(Settings::default());
     let composites = Arc::<Composites>::default();
-    let files = (Arc::default(), composites.clone());
+    let contents = RecordingContents {
+        composites: composites.clone(),
+        ..RecordingContents::default()
+    };
     let config = RecordingConfig {
         folder: folder.join("recordings"),
         reserve_bytes: 0,
         ..RecordingConfig::default()
     };
-    let recorder = Recorder::new(hub.clone(), files, config, status.clone());
+    let recorder = Recorder::new(hub.clone(), contents, config, status.clone());
     (hub, composites, status, recorder)
 }
 
@@ -222,7 +226,9 @@ fn full_disk_ends_the_recording_as_failed() {
         queued_bytes: Arc::default(),
         dropped: Arc::default(),
         hub: hub.clone(),
-        files: Arc::default(),
+        views: RigViews::new(penumbra_session::ViewedRig::default()),
+        viewed_lens: None,
+        contents: RecordingContents::default(),
         status: status.clone(),
         stop: Arc::default(),
         path: PathBuf::from("/dev/full"),
@@ -283,7 +289,7 @@ fn recorder_on(disk: &FaultyDisk, folder: &Path) -> (Arc<Hub>, Arc<SharedStatus>
     };
     let faulty = disk.clone();
     let wrap: WrapFile = Box::new(move |file| Box::new(faulty.file(SyncedFile::new(file))));
-    let contents = (Arc::default(), Arc::default());
+    let contents = RecordingContents::default();
     let recorder = Recorder::on_disk(hub.clone(), contents, config, status.clone(), wrap);
     (hub, status, recorder)
 }
@@ -385,4 +391,71 @@ fn seconds_left_is_limited_by_free_space_and_duration() {
     };
     assert_eq!(seconds_left(&empty, 1000, None), None);
     assert_eq!(seconds_left(&empty, 1000, max_duration), Some(0.0));
+}
+
+/// Messages of a file: topic and time, in its order.
+fn messages(path: &Path) -> Vec<(String, u64)> {
+    let bytes = std::fs::read(path).unwrap();
+    let stream = mcap::MessageStream::new(&bytes).unwrap();
+    let messages = stream.map(|message| {
+        let message = message.unwrap();
+        (message.channel.topic.clone(), message.log_time)
+    });
+    messages.collect()
+}
+
+#[test]
+fn viewers_get_poses_and_a_lens_that_changes_while_it_is_recorded() {
+    let folder = tempfile::tempdir().unwrap();
+    let lens = |focal| PinholeCamera {
+        width: 64,
+        height: 48,
+        focal: glam::DVec2::splat(focal),
+        centre: glam::DVec2::new(31.5, 23.5),
+        distortion: [0.1, 0.0, 0.0, 0.0, 0.0],
+    };
+    let viewed = penumbra_session::ViewedRig {
+        lenses: vec![pinhole(Camera::Scene, &lens(50.0))],
+        ..Default::default()
+    };
+    let contents = RecordingContents {
+        viewed: Arc::new(viewed),
+        ..RecordingContents::default()
+    };
+    let refined = Arc::clone(&contents.refined_lens);
+    let hub = Hub::new(Arc::new(SystemClock), false);
+    let status = SharedStatus::new(Settings::default());
+    let config = RecordingConfig {
+        reserve_bytes: 0,
+        ..RecordingConfig::default()
+    };
+    let recorder = Recorder::new(hub.clone(), contents, config, status.clone());
+    let path = folder.path().join("a.mcap");
+    recorder.start(&path, None, false).unwrap();
+    hub.deliver(frame(1));
+    wait_until("the first lens is written", || {
+        status.snapshot().recording.events == 1
+    });
+    refined.set(lens(55.0));
+    hub.deliver(frame(2));
+    let record = b"01   10.00  20.00  30.00   0.00   0.00   0.00\r\n";
+    hub.deliver(SessionEvent::TrackerBytes {
+        protocol: "fastrak".into(),
+        bytes: [&record[..], record].concat().into(),
+        arrived_at: SystemClock.now(),
+    });
+    let recording = recorder.stop().unwrap();
+    assert_eq!((recording.events, recording.dropped), (3, 0));
+    let messages = messages(&path);
+    let of = |topic: &str| {
+        let times = messages.iter().filter(|(name, _)| name == topic);
+        times.map(|(_, time)| *time).collect::<Vec<_>>()
+    };
+    let (pictures, lenses) = (of("/scene_camera/image"), of("/scene_camera/calibration"));
+    assert_eq!(
+        lenses, pictures,
+        "each lens stands at the first picture after it"
+    );
+    assert_eq!(pictures.len(), 2);
+    assert!(!of("/tf").is_empty());
 }

@@ -2,8 +2,10 @@
 
 use super::folder::Folder;
 use super::{Camera, ImportError, Item, Plan};
-use crate::{messages, views};
+use crate::messages;
+use crate::views::{self, ViewedRig};
 use penumbra_interface::{MonotonicTime, PoseSample};
+use penumbra_tracker_serial::fastrak::{Decoder, Format};
 use serde_json::Value;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -183,7 +185,10 @@ fn view_tracker(rig: &Value, plan: &mut Plan) {
     if rig.is_null() {
         return;
     }
-    let mut decoder = views::tracker_decoder(rig);
+    let mut decoder = Decoder::new(Format {
+        metres_per_unit: views::metres_per_unit(rig),
+        ..Format::default()
+    });
     let mut views = Vec::new();
     for (arrived_at, item) in &plan.items {
         if let Item::TrackerBytes { bytes } = item {
@@ -202,14 +207,12 @@ fn view(sample: &PoseSample) -> (MonotonicTime, Item) {
 
 /// Adds calibrations and constant transforms for viewers, as far as `rig.json` has them.
 pub(super) fn view_rig(rig: &Value, plan: &mut Plan) {
-    let named = views::fixed(rig).into_iter();
-    let owned = |(parent, child): (&str, &str)| (parent.to_owned(), child.to_owned());
-    plan.fixed
-        .extend(named.map(|(frames, pose)| (owned(frames), pose)));
+    let viewed = ViewedRig::from_rig_json(rig);
     let start = plan.items.iter().map(|(arrived_at, _)| *arrived_at).min();
     if let Some(stamp) = start.and_then(messages::timestamp) {
-        plan.calibrations.extend(views::calibrations(rig, stamp));
+        plan.calibrations.extend(viewed.calibrations(stamp));
     }
+    plan.fixed.extend(viewed.fixed);
 }
 
 #[cfg(test)]
