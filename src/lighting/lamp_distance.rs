@@ -17,6 +17,7 @@
 //! over independent parts of the picture.
 
 mod agreement;
+mod faces;
 
 pub use agreement::SurfaceAgreement;
 
@@ -24,6 +25,7 @@ use super::adaptive::CompactSource;
 use super::light::Harmonics;
 use super::place::LampDistance;
 use super::sources::LUMINANCE;
+use faces::Faces;
 use glam::{DVec3, Vec3};
 
 /// A point of a real surface that the scene camera sees.
@@ -66,8 +68,8 @@ const BLOCK: usize = 8;
 const SCALE: (f32, f32) = (0.05, 0.25);
 /// Student's t from which an improvement is significant.
 const SIGNIFICANT: f32 = 3.0;
-/// The same for more light from a clipped lamp, which has more than its pixels show.
-const LIKELY: f32 = 2.0;
+/// The same for more light from a clipped lamp, which has more than its pixels show: three faces that agree.
+const LIKELY: f32 = 1.7;
 /// Least cosine between the normals of compared points.
 const SAME_NORMAL: f32 = 0.9;
 /// Largest angular radius of a lamp, radians, whose shadows tell a distance.
@@ -95,6 +97,7 @@ pub struct DistanceSearch<'a> {
     by_lamp: Vec<Vec<f32>>,
     lamps: Vec<CompactSource>,
     scale: f32,
+    faces: Faces,
 }
 
 impl<'a> DistanceSearch<'a> {
@@ -120,6 +123,7 @@ impl<'a> DistanceSearch<'a> {
             by_lamp: Vec::new(),
             lamps: lamps.to_vec(),
             scale: SCALE.1,
+            faces: Faces::of(surfaces),
         };
         let by_lamp = lamps
             .iter()
@@ -220,7 +224,10 @@ impl<'a> DistanceSearch<'a> {
         let light = self.lamps[lamp].irradiance * start;
         let losses = |octaves: f32| {
             let other = (self.by_lamp[lamp].as_slice(), light * octaves.exp2());
-            (octaves, self.channel_losses(channel, lamp, other))
+            let log = self.log_irradiance(channel, Some((lamp, other)));
+            let mut losses = self.losses_of(channel, &log);
+            losses.extend(self.faces.losses(self.surfaces, channel, &log));
+            (octaves, losses)
         };
         let steps = ((high - low) / OCTAVES[0]).round() as i32;
         let coarse = (0..=steps).map(|k| low + OCTAVES[0] * k as f32);
@@ -289,9 +296,13 @@ impl<'a> DistanceSearch<'a> {
 
     /// The losses in a channel with another form and irradiance of a lamp.
     fn channel_losses(&self, channel: usize, lamp: usize, other: (&[f32], Vec3)) -> Losses {
-        let log = self.log_irradiance(channel, Some((lamp, other)));
+        self.losses_of(channel, &self.log_irradiance(channel, Some((lamp, other))))
+    }
+
+    /// The losses in a channel with these logarithms of the irradiance of all points.
+    fn losses_of(&self, channel: usize, log: &[f32]) -> Losses {
         let mut losses = vec![0.0; self.block_count()];
-        self.compare(channel, &log, |block, difference| {
+        self.compare(channel, log, |block, difference| {
             let square = (difference / self.scale).powi(2);
             losses[block] += square / (1.0 + square);
         });
@@ -474,6 +485,52 @@ mod tests {
     use super::*;
     use penumbra_numerics::Random;
 
+    /// Boxes, each seen from above and from two sides, on a ground, in the light of a lamp overhead
+    /// and of the sky; the sides of some are `painted` half as bright.
+    pub fn overhead(boxes: usize, painted: usize) -> (SeenSurfaces, CompactSource) {
+        let lamp = CompactSource {
+            id: 0,
+            direction: Vec3::Z,
+            irradiance: Vec3::splat(2.0),
+            angular_radius: 0.01,
+            distance: LampDistance::FAR,
+            position: None,
+            clipped: 0.0,
+            lights: 1,
+        };
+        let mut random = Random::new(5);
+        let mut point = |surface: u32, normal: Vec3, albedo: f32| {
+            let lit = sky().irradiance(normal).x + 2.0 * normal.z.max(0.0);
+            let noise = 0.02 * random.normal() as f32;
+            Some(SurfacePoint {
+                position: DVec3::ZERO,
+                normal,
+                log_values: [(lit * albedo).ln() + noise; 4],
+                surface,
+            })
+        };
+        let mut points = Vec::new();
+        for k in 0..=boxes as u32 {
+            let dark = if k > 0 && k as usize <= painted {
+                0.5
+            } else {
+                1.0
+            };
+            let sides = [
+                (Vec3::Z, 0.4),
+                (Vec3::X, 0.4 * dark),
+                (Vec3::NEG_Y, 0.4 * dark),
+            ];
+            // Surface 0 is the ground.
+            for (normal, albedo) in sides.into_iter().take(if k == 0 { 1 } else { 3 }) {
+                points.extend((0..40).map(|_| point(k, normal, albedo)));
+                // Nothing beside it.
+                points.extend([None; 8]);
+            }
+        }
+        (SeenSurfaces { width: 8, points }, lamp)
+    }
+
     /// A ground of 90 by 60 points, 1 cm apart, in the light of `lamps` (position, power) and of a
     /// uniform sky, with a ball on it that blocks light, and texture.
     struct Table {
@@ -544,7 +601,7 @@ mod tests {
         }
     }
 
-    fn sky() -> Harmonics {
+    pub fn sky() -> Harmonics {
         let mut sky = Harmonics::default();
         sky.coefficients[0] = Vec3::splat(0.6);
         sky

@@ -39,6 +39,8 @@ const LAMPS: usize = 4;
 const SHARE: f32 = 0.3;
 /// Share of a lamp's light in clipped pixels from which its energy is estimated.
 const CLIPPED: f32 = 0.2;
+/// Least factor on clipped pixels in one step.
+const LEAST: f32 = 0.1;
 /// Rounds over all clipped lamps when one of them is new.
 const ROUNDS: usize = 3;
 /// Change of all reciprocal distances, 1/m, below which they are not searched once more.
@@ -326,13 +328,16 @@ impl LampPlaces {
         // One lamp's light changes what the shadows of the others tell.
         let (rounds, share) = if anew { (ROUNDS, 1.0) } else { (1, SHARE) };
         let mut gained = false;
+        let mut shares: Vec<f32> = lamps.iter().map(|lamp| lamp.clipped).collect();
         for _ in 0..rounds {
             let clipped = lamps.iter().enumerate().take(LAMPS);
             for (k, lamp) in clipped.filter(|(_, lamp)| lamp.clipped > CLIPPED) {
                 let Some(known) = self.known(lamp.id).copied() else {
                     continue;
                 };
-                let factor = search.find_factor(k, known.factor, anew).powf(share);
+                let whole = search.find_factor(k, known.factor, anew);
+                let factor = on_clipped(whole, shares[k]).powf(share);
+                shares[k] = clipped_after(shares[k], factor.dot(LUMINANCE));
                 gained |= factor.max_element() > MUCH || factor.min_element() < MUCH.recip();
                 self.note(lamp, known.distance, known.factor * factor);
             }
@@ -409,9 +414,30 @@ impl LampPlaces {
     }
 }
 
+/// The factor on the clipped pixels of a lamp, which have this share of its light, that multiplies all of its
+/// light by `whole`.
+fn on_clipped(whole: Vec3, share: f32) -> Vec3 {
+    ((whole - (1.0 - share)) / share).max(Vec3::splat(LEAST))
+}
+
+/// The share of clipped pixels in a lamp's light after they were multiplied by `factor`.
+fn clipped_after(share: f32, factor: f32) -> f32 {
+    share * factor / (1.0 - share + share * factor)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn clipped_pixels_make_up_for_those_that_are_not() {
+        let (whole, share) = (Vec3::new(9.0, 6.0, 3.0), 0.25);
+        let factor = on_clipped(whole, share);
+        let light = (1.0 - share) + factor * share;
+        assert!((light - whole).length() < 1e-5, "{light}");
+        assert!((clipped_after(0.25, 3.0) - 0.5).abs() < 1e-6);
+        assert_eq!(on_clipped(Vec3::splat(0.1), share), Vec3::splat(LEAST));
+    }
 
     fn source(id: u32, azimuth: f32) -> CompactSource {
         CompactSource {
