@@ -39,6 +39,8 @@ use std::sync::Arc;
 
 /// Environment sets between two estimates of the gains from the cameras' overlap.
 const OVERLAP_EVERY: u32 = 5;
+/// Most looks at the shadows in one picture: a lamp that gains a place, or much light, is another one.
+const LOOKS: u32 = 4;
 /// Spacing of the sampled blocks on surfaces of known reflectance, pixels.
 const KNOWN_SPACING: u32 = 32;
 
@@ -196,7 +198,10 @@ impl LightEstimator {
             captured_at: scene.captured_at,
         };
         let mut lighting = estimator.update(&input)?;
-        if self.places.look(scene, &lighting, estimator) {
+        for _ in 0..LOOKS {
+            if !self.places.look(scene, &lighting, estimator) {
+                break;
+            }
             lighting = estimator.update(&input)?;
         }
         self.lighting = Some(lighting);
@@ -260,7 +265,10 @@ impl LightEstimator {
             captured_at: set.captured_at,
         };
         let mut lighting = estimator.update(&input)?;
-        if self.places.look(scene, &lighting, estimator) {
+        for _ in 0..LOOKS {
+            if !self.places.look(scene, &lighting, estimator) {
+                break;
+            }
             lighting = estimator.update(&input)?;
         }
         self.lighting = Some(self.average.add(lighting));

@@ -39,8 +39,8 @@ const LAMPS: usize = 4;
 const SHARE: f32 = 0.3;
 /// Share of a lamp's light in clipped pixels from which its energy is estimated.
 const CLIPPED: f32 = 0.2;
-/// Least factor on clipped pixels in one step.
-const LEAST: f32 = 0.1;
+/// Looks in which a new clipped lamp takes all of the energy that is found.
+const SETTLING: u32 = 4;
 /// Rounds over all clipped lamps when one of them is new.
 const ROUNDS: usize = 3;
 /// Change of all reciprocal distances, 1/m, below which they are not searched once more.
@@ -93,6 +93,8 @@ pub(crate) struct LampPlaces {
     rests: u32,
     /// Number of looks.
     looks: u32,
+    /// Looks until the energy of a clipped lamp that is new has settled.
+    settling: u32,
     surfaces: SeenSurfaces,
     agreements: Agreements,
 }
@@ -118,6 +120,7 @@ impl LampPlaces {
             known: Vec::new(),
             rests: 0,
             looks: 0,
+            settling: 0,
             surfaces: SeenSurfaces::default(),
             agreements: Agreements::default(),
         }
@@ -287,7 +290,16 @@ impl LampPlaces {
                 .collect();
             self.find_again(&mut search, &lamps, &all);
         }
-        gained |= self.estimate_factors(&mut search, &lamps, any_new_clipped);
+        if any_new_clipped {
+            self.settling = SETTLING;
+        }
+        let is_other = self.estimate_factors(&mut search, &lamps);
+        self.settling = self.settling.saturating_sub(1);
+        if is_other && self.settling > 0 {
+            // More pixels may belong to a lamp that has become brighter.
+            self.rests = 0;
+        }
+        gained |= is_other;
         self.agreements.add(&search.agreement());
         self.surfaces = surfaces;
         gained
@@ -317,27 +329,26 @@ impl LampPlaces {
         }
     }
 
-    /// Estimates the factors on clipped lamps, `anew` if one of them was not known, else as a small
-    /// step; true if one has changed much.
+    /// Estimates the factors on clipped lamps, at once while they settle, else as a small step; true if
+    /// one has changed much.
     fn estimate_factors(
         &mut self,
         search: &mut DistanceSearch<'_>,
         lamps: &[CompactSource],
-        anew: bool,
     ) -> bool {
+        let anew = self.settling > 0;
         // One lamp's light changes what the shadows of the others tell.
         let (rounds, share) = if anew { (ROUNDS, 1.0) } else { (1, SHARE) };
         let mut gained = false;
-        let mut shares: Vec<f32> = lamps.iter().map(|lamp| lamp.clipped).collect();
         for _ in 0..rounds {
             let clipped = lamps.iter().enumerate().take(LAMPS);
             for (k, lamp) in clipped.filter(|(_, lamp)| lamp.clipped > CLIPPED) {
                 let Some(known) = self.known(lamp.id).copied() else {
                     continue;
                 };
-                let whole = search.find_factor(k, known.factor, anew);
-                let factor = on_clipped(whole, shares[k]).powf(share);
-                shares[k] = clipped_after(shares[k], factor.dot(LUMINANCE));
+                // On the clipped pixels alone, so that it never corrects too much: the next look does
+                // the rest.
+                let factor = search.find_factor(k, known.factor, anew).powf(share);
                 gained |= factor.max_element() > MUCH || factor.min_element() < MUCH.recip();
                 self.note(lamp, known.distance, known.factor * factor);
             }
@@ -414,30 +425,9 @@ impl LampPlaces {
     }
 }
 
-/// The factor on the clipped pixels of a lamp, which have this share of its light, that multiplies all of its
-/// light by `whole`.
-fn on_clipped(whole: Vec3, share: f32) -> Vec3 {
-    ((whole - (1.0 - share)) / share).max(Vec3::splat(LEAST))
-}
-
-/// The share of clipped pixels in a lamp's light after they were multiplied by `factor`.
-fn clipped_after(share: f32, factor: f32) -> f32 {
-    share * factor / (1.0 - share + share * factor)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn clipped_pixels_make_up_for_those_that_are_not() {
-        let (whole, share) = (Vec3::new(9.0, 6.0, 3.0), 0.25);
-        let factor = on_clipped(whole, share);
-        let light = (1.0 - share) + factor * share;
-        assert!((light - whole).length() < 1e-5, "{light}");
-        assert!((clipped_after(0.25, 3.0) - 0.5).abs() < 1e-6);
-        assert_eq!(on_clipped(Vec3::splat(0.1), share), Vec3::splat(LEAST));
-    }
 
     fn source(id: u32, azimuth: f32) -> CompactSource {
         CompactSource {
