@@ -74,7 +74,8 @@ def resident_mb(pid: int) -> float:
 
 
 def sample(process: subprocess.Popen, port: int, frames: int, every: float) -> list[tuple[int, float]]:
-    """Samples (pictures composed, MB) until `frames` are composed, or until Ctrl-C."""
+    """Samples (pictures composed, MB) until `frames` are composed, or until Ctrl-C or SIGTERM."""
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
     samples: list[tuple[int, float]] = []
     moved = time.monotonic()
     try:
