@@ -282,10 +282,15 @@ fn a_disk_with_long_flushes_is_not_flushed_after_each_event() {
     recorder.start(&path, None, false).unwrap();
     // Longer than the time between flushes.
     disk.set_flush_delay(Duration::from_millis(300));
-    (0..200).for_each(|n| hub.deliver(frame(n)));
-    wait_until("all events are written", || {
-        status.snapshot().recording.events == 200
-    });
+    let wait_for = |events| {
+        wait_until("all events are written", || {
+            status.snapshot().recording.events == events
+        });
+    };
+    hub.deliver(frame(0));
+    wait_for(1);
+    (1..200).for_each(|n| hub.deliver(frame(n)));
+    wait_for(200);
 }
 
 /// Records onto a disk whose faults can be switched.
