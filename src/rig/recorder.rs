@@ -28,8 +28,8 @@ use std::time::Duration;
 
 /// Capacity of the queue, events: several seconds of all streams. Its bytes are limited separately.
 const QUEUE_CAPACITY: usize = limit(16_384, 4);
-/// Interval of flushes, each of which waits for the disk. A power cut loses this and the time of
-/// one flush.
+/// Time between flushes, each of which waits for the disk. A power cut loses this and the time of
+/// two flushes.
 const FLUSH_EVERY: Duration = Duration::from_millis(250);
 /// A write that takes longer means that the disk is slow.
 const SLOW_WRITE: Duration = Duration::from_millis(250);
@@ -314,8 +314,10 @@ impl Job {
             self.timed_write(Self::write_composites)?;
             let now = SystemClock.now();
             if now >= self.flushed + FLUSH_EVERY {
-                self.flushed = now;
                 let took = self.timed(|job| job.writer.flush())?;
+                // From its end: after a flush longer than the interval only one event would be written
+                // before the next one, and the queue would grow.
+                self.flushed = SystemClock.now();
                 self.slowest_flush = self.slowest_flush.max(took);
                 self.publish();
                 if self.free().is_some_and(|free| free < self.reserve_bytes) {

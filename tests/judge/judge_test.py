@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Tests of judge.py, colour.py, fidelity.py, steadiness.py, rigs.py, tables.py, faults.py, bench_compare.py and gpu_check.py.
+"""Tests of judge.py, colour.py, fidelity.py, steadiness.py, rigs.py, tables.py, faults.py, soak.py, bench_compare.py and gpu_check.py.
 
     tests/judge/judge_test.py [-v]
 
@@ -36,6 +36,7 @@ import judge  # noqa: E402
 import near_lamps  # noqa: E402
 import steadiness  # noqa: E402
 import rigs  # noqa: E402
+import soak  # noqa: E402
 import tables  # noqa: E402
 
 PAIRS = ROOT / "tests/fixtures/ciede2000/pairs.csv"
@@ -212,6 +213,27 @@ class Faults(unittest.TestCase):
         self.assertIn("| all |  | 6 | 5 | 501 | 6 | 2001 |", written)
         self.assertEqual(len(faults.missed(results)), 3)
         self.assertEqual(faults.missed({**results, "rows": [row]}), [])
+
+
+class Soak(Scratch):
+    def test_the_memory_that_fills_caches_does_not_count_and_the_rest_does(self) -> None:
+        cold = [(n, 100.0 + n) for n in range(0, 100, 10)]
+        flat = soak.fit([*cold, *((n, 200.0) for n in range(100, 1001, 100))], 100)
+        self.assertEqual((flat.frames, flat.measured, flat.start_mb, flat.growth_percent), (1000, 900, 200.0, 0.0))
+        rising = soak.fit([*cold, *((n, 200 + n / 100) for n in range(100, 1001, 100))], 100)
+        self.assertEqual((rising.start_mb, rising.end_mb), (201.0, 210.0))
+        with self.assertRaises(SystemExit):
+            soak.fit(cold, 100)
+
+    def test_pieces_are_added_up_by_day(self) -> None:
+        log = self.folder / "soak.csv"
+        pieces = [soak.Piece("2026-11-26", 1000, 900, 200.0, 202.0), soak.Piece("2026-11-26", 3000, 2700, 200.0, 199.0), soak.Piece("2026-11-27", 500, 450, 100.0, 103.0)]
+        for piece in pieces:
+            soak.append(log, piece)
+        self.assertEqual(soak.read(log), pieces)
+        rows = soak.summary(soak.read(log)).splitlines()[2:]
+        self.assertEqual(rows[0], "| 2026-11-26 | 2 | 4,000 | 3,000 | 200.0 | 200.5 | +0.25 | +1.00 |")
+        self.assertEqual(rows[2], "| all | 3 | 4,500 | 3,000 | 200.0 | 199.0 | +1.00 | +3.00 |")
 
 
 class SpeedAims(unittest.TestCase):

@@ -13,6 +13,7 @@ pub struct FaultyDisk(Arc<Faults>);
 struct Faults {
     is_full: AtomicBool,
     delay_millis: AtomicU64,
+    flush_delay_millis: AtomicU64,
     flushed_bytes: AtomicU64,
 }
 
@@ -26,6 +27,12 @@ impl FaultyDisk {
     pub fn set_delay(&self, delay: Duration) {
         let millis = delay.as_millis() as u64;
         self.0.delay_millis.store(millis, Ordering::Relaxed);
+    }
+
+    /// Every flush takes at least this long.
+    pub fn set_flush_delay(&self, delay: Duration) {
+        let millis = delay.as_millis() as u64;
+        self.0.flush_delay_millis.store(millis, Ordering::Relaxed);
     }
 
     /// Length of the file that was flushed last, as it was then: what a power cut leaves of a file
@@ -69,6 +76,8 @@ impl<F: Write + Seek> Write for FaultyFile<F> {
     }
 
     fn flush(&mut self) -> io::Result<()> {
+        let delay = self.disk.0.flush_delay_millis.load(Ordering::Relaxed);
+        std::thread::sleep(Duration::from_millis(delay));
         self.inner.flush()?;
         let flushed = &self.disk.0.flushed_bytes;
         flushed.store(self.inner.stream_position()?, Ordering::Relaxed);

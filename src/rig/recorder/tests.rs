@@ -278,6 +278,27 @@ fn slow_disk_is_named_and_loses_nothing() {
     assert_eq!((recording.events, recording.dropped), (20, 0));
 }
 
+/// Otherwise the queue grows, and a power cut loses all that waits in it.
+#[test]
+fn a_disk_with_long_flushes_is_not_flushed_after_each_event() {
+    let folder = tempfile::tempdir().unwrap();
+    let disk = FaultyDisk::default();
+    let (hub, status, recorder) = recorder_on(&disk, folder.path());
+    let path = folder.path().join("a.mcap");
+    recorder.start(&path, None, false).unwrap();
+    // Longer than the time between flushes.
+    disk.set_flush_delay(Duration::from_millis(300));
+    let wait_for = |events| {
+        wait_until("all events are written", || {
+            status.snapshot().recording.events == events
+        });
+    };
+    hub.deliver(frame(0));
+    wait_for(1);
+    (1..200).for_each(|n| hub.deliver(frame(n)));
+    wait_for(200);
+}
+
 /// Records onto a disk whose faults can be switched.
 fn recorder_on(disk: &FaultyDisk, folder: &Path) -> (Arc<Hub>, Arc<SharedStatus>, Arc<Recorder>) {
     let hub = Hub::new(Arc::new(SystemClock), false);

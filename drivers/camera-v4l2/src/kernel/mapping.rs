@@ -42,3 +42,31 @@ impl Drop for Mapping {
         let _ = unsafe { munmap(self.start, self.len) };
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rustix::mm::mmap_anonymous;
+
+    /// Memory that belongs to no file, because Miri maps no files.
+    #[test]
+    fn a_mapping_shows_all_of_its_memory_and_no_more_and_ends_with_it() {
+        let (access, len) = (ProtFlags::READ | ProtFlags::WRITE, 8192);
+        // SAFETY: the system chooses the address, so no existing mapping is replaced.
+        let start = unsafe { mmap_anonymous(std::ptr::null_mut(), len, access, MapFlags::PRIVATE) };
+        let mapping = Mapping {
+            start: start.unwrap(),
+            len,
+        };
+        // SAFETY: the range has just been mapped for writing, and nobody reads it yet.
+        unsafe { mapping.start.cast::<u8>().write_bytes(7, len) };
+        // SAFETY: nobody writes to the memory any more.
+        let (some, all) = unsafe { (mapping.bytes(3), mapping.bytes(usize::MAX)) };
+        assert_eq!((some, all), (&[7; 3][..], &[7; 8192][..]));
+        let read_elsewhere = std::thread::spawn(move || {
+            // SAFETY: as above.
+            unsafe { mapping.bytes(usize::MAX) }.to_vec()
+        });
+        assert_eq!(read_elsewhere.join().unwrap(), [7; 8192]);
+    }
+}
