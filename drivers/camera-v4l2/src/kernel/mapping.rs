@@ -63,10 +63,14 @@ mod tests {
         // SAFETY: nobody writes to the memory any more.
         let (some, all) = unsafe { (mapping.bytes(3), mapping.bytes(usize::MAX)) };
         assert_eq!((some, all), (&[7; 3][..], &[7; 8192][..]));
-        let read_elsewhere = std::thread::spawn(move || {
-            // SAFETY: as above.
-            unsafe { mapping.bytes(usize::MAX) }.to_vec()
+        // As its owner does, another thread reads and unmaps it.
+        let read_elsewhere = std::thread::scope(|scope| {
+            let reader = scope.spawn(move || {
+                // SAFETY: as above.
+                unsafe { mapping.bytes(usize::MAX) }.to_vec()
+            });
+            reader.join().unwrap()
         });
-        assert_eq!(read_elsewhere.join().unwrap(), [7; 8192]);
+        assert_eq!(read_elsewhere, [7; 8192]);
     }
 }
