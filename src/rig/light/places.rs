@@ -263,32 +263,11 @@ impl LampPlaces {
             |origin: DVec3, to: DVec3, farthest: f64| rays.is_blocked(origin, to, farthest);
         let mut search =
             DistanceSearch::new(&surfaces, &lamps, &lighting.irradiance, observer, &blocked);
-        let mut gained = false;
-        let mut any_new_clipped = false;
-        for (k, lamp) in lamps.iter().enumerate().take(LAMPS) {
-            let before = self.known(lamp.id).copied();
-            any_new_clipped |= before.is_none() && lamp.clipped > CLIPPED;
-            let known = before.map_or(LampDistance::FAR, |k| k.distance);
-            let was_far = known.inverse == 0.0;
-            let tries = before.is_none_or(|k| k.tries > 0);
-            let rests = !tries && was_far && !self.is_late();
-            let found = if rests || self.is_stated(lamp, observer) {
-                None
-            } else {
-                search.find(k, (!was_far).then_some(known.inverse))
-            };
-            let mut now = found.unwrap_or(known);
-            gained |= was_far && now.inverse > 0.0;
-            if !was_far && now.inverse > 0.0 {
-                now.inverse = known.inverse + (now.inverse - known.inverse) * SHARE;
-            }
-            self.note(lamp, now, before.map_or(Vec3::ONE, |k| k.factor));
-        }
+        let any_new_clipped = (lamps.iter().take(LAMPS))
+            .any(|lamp| lamp.clipped > CLIPPED && self.known(lamp.id).is_none());
+        let mut gained = self.find_distances(&mut search, (&lamps, observer));
         if any_new {
-            let all: Vec<usize> = (0..lamps.len().min(LAMPS))
-                .filter(|k| !self.is_stated(&lamps[*k], observer))
-                .collect();
-            self.find_again(&mut search, &lamps, &all);
+            gained |= self.find_again(&mut search, (&lamps, observer));
         }
         if any_new_clipped {
             self.settling = SETTLING;
@@ -305,21 +284,54 @@ impl LampPlaces {
         gained
     }
 
-    /// Finds the distances of lamps once more: what the shadows tell of one depends on the others'.
+    /// Finds the distances of lamps one by one; true if a lamp has gained a place.
+    fn find_distances(
+        &mut self,
+        search: &mut DistanceSearch<'_>,
+        (lamps, observer): (&[CompactSource], DVec3),
+    ) -> bool {
+        let mut gained = false;
+        for (k, lamp) in lamps.iter().enumerate().take(LAMPS) {
+            let before = self.known(lamp.id).copied();
+            let known = before.map_or(LampDistance::FAR, |k| k.distance);
+            let was_far = known.inverse == 0.0;
+            let tries = before.is_none_or(|k| k.tries > 0);
+            let rests = !tries && was_far && !self.is_late();
+            let found = if rests || self.is_stated(lamp, observer) {
+                None
+            } else {
+                search.find(k, (!was_far).then_some(known.inverse))
+            };
+            let mut now = found.unwrap_or(known);
+            gained |= was_far && now.inverse > 0.0;
+            if !was_far && now.inverse > 0.0 {
+                now.inverse = known.inverse + (now.inverse - known.inverse) * SHARE;
+            }
+            self.note(lamp, now, before.map_or(Vec3::ONE, |k| k.factor));
+        }
+        gained
+    }
+
+    /// Finds the distances of lamps once more: what the shadows tell of one depends on the others'. True
+    /// if a lamp has gained a place.
     fn find_again(
         &mut self,
         search: &mut DistanceSearch<'_>,
-        lamps: &[CompactSource],
-        which: &[usize],
-    ) {
+        (lamps, observer): (&[CompactSource], DVec3),
+    ) -> bool {
+        let which: Vec<usize> = (0..lamps.len().min(LAMPS))
+            .filter(|k| !self.is_stated(&lamps[*k], observer))
+            .collect();
+        let mut gained = false;
         for _ in 0..ROUNDS {
             let mut moved = 0.0f32;
-            for &k in which {
+            for &k in &which {
                 let Some(known) = self.known(lamps[k].id).copied() else {
                     continue;
                 };
                 if let Some(found) = search.find_again(k) {
                     moved = moved.max((found.inverse - known.distance.inverse).abs());
+                    gained |= known.distance.inverse == 0.0 && found.inverse > 0.0;
                     self.note(&lamps[k], found, known.factor);
                 }
             }
@@ -327,6 +339,7 @@ impl LampPlaces {
                 break;
             }
         }
+        gained
     }
 
     /// Estimates the factors on clipped lamps, at once while they settle, else as a small step; true if
