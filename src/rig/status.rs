@@ -3,7 +3,7 @@
 use crate::damage::LostCounts;
 use crate::frame::{Counts, PreparedFrame};
 use crate::latency_status;
-use crate::light::bracket_response::{Agreement, WARNINGS};
+use crate::light::bracket_response::{ExposureAgreement, WARNINGS};
 use crate::light::state::{LightState, STATED_AT};
 use crate::live_status;
 use crate::probe_status;
@@ -243,13 +243,13 @@ fn lamp(source: &CompactSource) -> LampStatus {
 }
 
 /// Whether the environment camera's exposures agree under its tone curve.
-fn exposures(s: &mut Snapshot, agreement: Option<Agreement>) {
+fn exposures(s: &mut Snapshot, agreement: Option<ExposureAgreement>) {
     let disagreement = agreement.map(|agreement| agreement.disagreement);
     if s.lighting.exposures_disagree == disagreement {
         return;
     }
     s.lighting.exposures_disagree = disagreement;
-    let warning = agreement.and_then(Agreement::warning);
+    let warning = agreement.and_then(ExposureAgreement::warning);
     for known in WARNINGS.into_iter().filter(|known| Some(*known) != warning) {
         s.clear_warning(known);
     }
@@ -275,10 +275,11 @@ fn lighting(s: &mut Snapshot, p: &Published<'_>) {
     s.lighting.lamps = sources.iter().map(lamp).collect();
     s.lighting.clipped_fraction = Some(f64::from(clipped.max(0.0)));
     exposures(s, *agreement);
-    if let Some(picture) = picture {
-        s.lighting.picture_difference = Some(picture.difference);
-        s.lighting.picture_difference_sigma = Some(picture.sigma);
-        s.lighting.disagreeing.clone_from(&picture.disagreeing);
+    s.lighting.picture_difference = picture.as_ref().map(|picture| picture.difference);
+    s.lighting.picture_difference_sigma = picture.as_ref().map(|picture| picture.sigma);
+    match picture {
+        Some(picture) => s.lighting.disagreeing.clone_from(&picture.disagreeing),
+        None => s.lighting.disagreeing.clear(),
     }
     let Some(lighting) = lighting else { return };
     let is_stated = lighting.captured_at == STATED_AT;

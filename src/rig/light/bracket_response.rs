@@ -38,14 +38,14 @@ pub struct BracketResponse {
 
 /// What the exposures say about the stated curve.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Agreement {
+pub struct ExposureAgreement {
     /// By how much they disagree about the same light under it: root mean square, relative.
     pub disagreement: f64,
     /// Whether they contradict it, and if so, whether a curve was found that takes its place.
     pub verdict: Verdict,
 }
 
-impl Agreement {
+impl ExposureAgreement {
     /// What the user is told: nothing, if the exposures agree.
     pub const fn warning(self) -> Option<&'static str> {
         match self.verdict {
@@ -62,7 +62,7 @@ const REPLACED: &str = "the environment camera's exposures contradict its tone c
 const UNEXPLAINED: &str = "the environment camera's exposures contradict each other whatever its tone \
     curve, and light is inaccurate; switch off automatic exposure, gain and contrast, or correct the \
     stated exposures";
-/// All that [`Agreement::warning`] may say.
+/// All that [`ExposureAgreement::warning`] may say.
 pub const WARNINGS: [&str; 2] = [REPLACED, UNEXPLAINED];
 
 /// Whether exposures contradict a tone curve.
@@ -89,14 +89,14 @@ impl BracketResponse {
     }
 
     /// What is known about the stated curve; `None` before two exposures have shown enough.
-    pub fn agreement(&self) -> Option<Agreement> {
+    pub fn agreement(&self) -> Option<ExposureAgreement> {
         let disagreement = self.disagreement?;
         let verdict = match &self.found {
             Some(_) => Verdict::Replaced,
             None if disagreement > CONTRADICTION => Verdict::Unexplained,
             None => Verdict::Agree,
         };
-        Some(Agreement {
+        Some(ExposureAgreement {
             disagreement,
             verdict,
         })

@@ -2,7 +2,7 @@
 //! balance gains and the radiance of the ground.
 
 use crate::error::RigError;
-use crate::light::bracket_response::{Agreement, BracketResponse};
+use crate::light::bracket_response::{BracketResponse, ExposureAgreement};
 use crate::light::chart::ChartPictures;
 use crate::light::indirect::IndirectLightUpdater;
 use crate::light::places::LampPlaces;
@@ -449,7 +449,7 @@ impl LightEstimator {
     /// Whether the environment camera's exposures agree under its tone curve; `None` if too little is
     /// well exposed twice.
     #[must_use]
-    pub fn exposures(&self) -> Option<Agreement> {
+    pub fn exposures(&self) -> Option<ExposureAgreement> {
         self.brackets.as_ref().and_then(BracketResponse::agreement)
     }
 

@@ -5,7 +5,9 @@
 //! the `timeline`, in a live rig by the `transition`, and `blended` makes it; the `worker` runs the
 //! estimate, on its own thread in a live rig; the [`estimator`] turns environment pictures, gains ([`estimator`]) and the radiance of
 //! real surfaces (`surfaces`) into lighting, and `indirect` adds the light that moving virtual
-//! objects reflect. `scene_tables` holds what the estimator derives from a scene; a changed scene
+//! objects reflect. `bracket_response` checks the environment
+//! camera's tone curve, `chart` matches both cameras by pictures of a chart, `places` finds where lamps are, and
+//! `agreement` says how well real shadows confirm the light. `scene_tables` holds what the estimator derives from a scene; a changed scene
 //! reaches it through `updates`. `state` and `view` are the data in between.
 
 pub mod agreement;

@@ -263,13 +263,12 @@ impl LampPlaces {
             |origin: DVec3, to: DVec3, farthest: f64| rays.is_blocked(origin, to, farthest);
         let mut search =
             DistanceSearch::new(&surfaces, &lamps, &lighting.irradiance, observer, &blocked);
-        let any_new_clipped = (lamps.iter().take(LAMPS))
-            .any(|lamp| lamp.clipped > CLIPPED && self.known(lamp.id).is_none());
+        let new: Vec<usize> = (0..lamps.len().min(LAMPS))
+            .filter(|k| self.known(lamps[*k].id).is_none())
+            .collect();
         let mut gained = self.find_distances(&mut search, (&lamps, observer));
-        if any_new {
-            gained |= self.find_again(&mut search, (&lamps, observer));
-        }
-        if any_new_clipped {
+        gained |= self.find_again(&mut search, (&lamps, observer), &new);
+        if new.iter().any(|k| lamps[*k].clipped > CLIPPED) {
             self.settling = SETTLING;
         }
         let is_other = self.estimate_factors(&mut search, &lamps);
@@ -312,17 +311,20 @@ impl LampPlaces {
         gained
     }
 
-    /// Finds the distances of lamps once more: what the shadows tell of one depends on the others'. True
-    /// if a lamp has gained a place.
+    /// Finds the distances of lamps that are new once more: what the shadows tell of one depends on the
+    /// others'. True if a lamp has gained a place.
     fn find_again(
         &mut self,
         search: &mut DistanceSearch<'_>,
         (lamps, observer): (&[CompactSource], DVec3),
+        new: &[usize],
     ) -> bool {
-        let which: Vec<usize> = (0..lamps.len().min(LAMPS))
-            .filter(|k| !self.is_stated(&lamps[*k], observer))
-            .collect();
         let mut gained = false;
+        if new.len() < 2 {
+            return gained;
+        }
+        let estimated = |k: &&usize| self.stated_distance(&lamps[**k], observer).is_none();
+        let which: Vec<usize> = new.iter().filter(estimated).copied().collect();
         for _ in 0..ROUNDS {
             let mut moved = 0.0f32;
             for &k in &which {
@@ -335,7 +337,7 @@ impl LampPlaces {
                     self.note(&lamps[k], found, known.factor);
                 }
             }
-            if moved <= SETTLED || which.len() < 2 {
+            if moved <= SETTLED {
                 break;
             }
         }

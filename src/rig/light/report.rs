@@ -4,7 +4,7 @@ use crate::damage::log;
 use crate::error::RigError;
 use crate::feed::Feed;
 use crate::light::{
-    bracket_response::Agreement,
+    bracket_response::ExposureAgreement,
     estimator::LightEstimator,
     view::{SceneView, SphereAt},
 };
@@ -69,7 +69,7 @@ pub fn light_of_session(
         progress(read);
         if let Some(lighting) = light.update(set, &view)? {
             progress(0.8);
-            if let Some(warning) = light.exposures().and_then(Agreement::warning) {
+            if let Some(warning) = light.exposures().and_then(ExposureAgreement::warning) {
                 tracing::warn!("{warning}");
             }
             return report(&setup, &mut light, lighting, pose)?.ok_or_else(none);

@@ -2,7 +2,7 @@
 
 use crate::light::agreement::PictureAgreement;
 use crate::light::blended::{Blend, LightMixer, LightSpan};
-use crate::light::bracket_response::Agreement;
+use crate::light::bracket_response::ExposureAgreement;
 use crate::light::timeline::LightTimeline;
 use crate::light::transition::LightTransition;
 use crate::light::view::SphereAt;
@@ -93,7 +93,7 @@ pub struct LightState {
     pub clipped: f32,
     /// Whether the environment camera's exposures agree under its tone curve; `None` if too little is
     /// well exposed twice.
-    pub exposures: Option<Agreement>,
+    pub exposures: Option<ExposureAgreement>,
     /// How well the light explains the real shadows in the scene camera's picture; `None` if none was
     /// compared.
     pub picture: Option<Arc<PictureAgreement>>,

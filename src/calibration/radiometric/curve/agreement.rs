@@ -23,7 +23,7 @@ const GOOD: f64 = 0.04;
 const BETTER: f64 = 0.7;
 /// Exponents of the pure gammas that are tried.
 const GAMMAS: (f64, f64) = (0.7, 3.5);
-/// Halvings of that range.
+/// Steps of the search, each of which leaves two thirds of that range.
 const STEPS: u32 = 24;
 
 /// By how much exposures disagree about the light of a point if the camera has the curve `response`:
