@@ -143,6 +143,13 @@ impl AdaptiveDome {
             .collect()
     }
 
+    /// Returns unit vectors from the observer to `count` parts, with equal energy, of a source.
+    #[must_use]
+    pub(super) fn parts(&self, id: u32, count: usize) -> Vec<Vec3> {
+        let source = self.tracker.sources.iter().find(|s| s.id == id);
+        source.map_or_else(Vec::new, |s| s.parts(count))
+    }
+
     /// Returns the sources in the order in which they were found, each with the directions of its
     /// lights; `taken` is empty.
     pub(super) fn face_sources(&self) -> impl Iterator<Item = FaceSource> + '_ {

@@ -17,7 +17,9 @@
 //! over independent parts of the picture.
 
 mod agreement;
+mod energy;
 mod faces;
+mod search;
 
 pub use agreement::SurfaceAgreement;
 
@@ -41,6 +43,13 @@ pub struct SurfacePoint {
     pub surface: u32,
 }
 
+impl SurfacePoint {
+    /// Whether a point is of the same surface, on the same side of it.
+    fn is_beside(&self, other: &Self) -> bool {
+        self.surface == other.surface && self.normal.dot(other.normal) > SAME_NORMAL
+    }
+}
+
 /// What the scene camera sees of real surfaces: a regular grid over its picture, row by row.
 #[derive(Clone, Debug, Default)]
 pub struct SeenSurfaces {
@@ -50,78 +59,49 @@ pub struct SeenSurfaces {
     pub points: Vec<Option<SurfacePoint>>,
 }
 
+/// A lamp as the environment camera sees it.
+#[derive(Clone, Debug)]
+pub struct SeenLamp {
+    /// What is known of it.
+    pub source: CompactSource,
+    /// Unit vectors from the observer to parts of it with equal energy, world; at least one.
+    pub parts: Vec<Vec3>,
+}
+
+impl SeenLamp {
+    /// Returns the number of parts that describe a lamp of an angular radius, radians.
+    #[must_use]
+    pub fn part_count(radius: f32) -> usize {
+        match radius {
+            r if r < 0.02 => 1,
+            r if r < 0.06 => 4,
+            r if r < 0.12 => 8,
+            _ => 16,
+        }
+    }
+}
+
 /// Tests whether anything real stands within a share (third argument) of a ray's direction from its
 /// origin (world, metres).
 pub type Blocked<'a> = dyn Fn(DVec3, DVec3, f64) -> bool + 'a;
 
-/// Spacing of the searched reciprocals, 1/m, in the first and in the second step.
-const STEPS: [f32; 2] = [0.2, 0.05];
-/// Largest reciprocal, 1/m: no lamp is nearer than 0.2 m.
-const NEAREST: f32 = 5.0;
-/// Least reciprocal distance, 1/m, from the last result that is searched once more.
-const AGAIN: f32 = 0.4;
 /// Distances of compared points, in points of the grid.
 const OFFSETS: [usize; 3] = [1, 3, 6];
 /// Side of the parts of the picture that count as independent, points of the grid.
 const BLOCK: usize = 8;
 /// Limits of the loss's scale: of differences by noise, and by texture.
 const SCALE: (f32, f32) = (0.05, 0.25);
-/// Student's t from which an improvement is significant.
-const SIGNIFICANT: f32 = 3.0;
-/// The same for more light from a clipped lamp, which has more than its pixels show.
-const LIKELY: f32 = 2.0;
-/// The same if the shading of phantoms tells it: three faces that agree.
-const LIKELY_BY_FACES: f32 = 1.7;
 /// Least cosine between the normals of compared points.
 const SAME_NORMAL: f32 = 0.9;
-/// Largest angular radius of a lamp, radians, whose shadows tell a distance.
-const LARGEST: f32 = 0.15;
 
-/// The largest factor on a clipped lamp's light, octaves.
-const LAST_OCTAVE: f32 = 11.0;
-/// Spacing of the searched factors, octaves, in the first and in the second step.
-const OCTAVES: [f32; 2] = [1.0 / 3.0, 1.0 / 12.0];
+/// Angular radius, radians, from which the shadows of a lamp are soft.
+const WIDE: f32 = 0.1;
 
 /// The channel of luminance.
 const LUMINANCE_OF: usize = 3;
 
 /// Losses in the parts of the picture.
 type Losses = Vec<f32>;
-
-/// The best factor of a search.
-struct FoundFactor {
-    octaves: f32,
-    /// Student's t by which it is better than no factor.
-    better: f32,
-    /// Whether an octave more or less is significantly worse.
-    is_certain: bool,
-}
-
-impl FoundFactor {
-    /// `looked`: octaves, the first 0, and the losses there.
-    fn of(looked: &[(f32, Losses)]) -> Self {
-        let octaves = best(looked, 0.0);
-        let losses = |wanted: f32| {
-            let apart = |(octaves, _): &&(f32, Losses)| (octaves - wanted).abs();
-            let nearest = looked.iter().min_by(|a, b| apart(a).total_cmp(&apart(b)));
-            nearest.map_or(&[][..], |(_, losses)| losses.as_slice())
-        };
-        let least = losses(octaves);
-        let worse = |by: f32| improvement(losses(octaves + by), least);
-        Self {
-            octaves,
-            better: improvement(losses(0.0), least),
-            is_certain: worse(-1.0).min(worse(1.0)) > LIKELY,
-        }
-    }
-
-    /// The factor if it is better with this Student's t, else 1. At the end of the range only a bound is
-    /// known.
-    fn judged(&self, significant: f32) -> f32 {
-        let is_better = self.better > significant && self.octaves < LAST_OCTAVE;
-        if is_better { self.octaves.exp2() } else { 1.0 }
-    }
-}
 
 /// The search for the distances of lamps in one picture.
 pub struct DistanceSearch<'a> {
@@ -132,7 +112,7 @@ pub struct DistanceSearch<'a> {
     rest: Vec<[f32; 4]>,
     /// What each lamp's irradiance is multiplied by at each point, at its current distance.
     by_lamp: Vec<Vec<f32>>,
-    lamps: Vec<CompactSource>,
+    lamps: Vec<SeenLamp>,
     scale: f32,
     faces: Faces,
 }
@@ -143,7 +123,7 @@ impl<'a> DistanceSearch<'a> {
     #[must_use]
     pub fn new(
         surfaces: &'a SeenSurfaces,
-        lamps: &[CompactSource],
+        lamps: &[SeenLamp],
         irradiance: &Harmonics,
         observer: DVec3,
         blocked: &'a Blocked<'a>,
@@ -164,180 +144,91 @@ impl<'a> DistanceSearch<'a> {
         };
         let by_lamp = lamps
             .iter()
-            .map(|lamp| search.form(lamp, lamp.distance.inverse));
+            .map(|lamp| search.form(lamp, lamp.source.distance.inverse));
         search.by_lamp = by_lamp.collect();
         search.scale = search.texture_scale();
         search
     }
 
-    /// Finds the distance of lamp number `lamp`, anywhere or near the one that is known, and uses it
-    /// from now on. `None` if the lamp is too large for its shadows to tell.
-    pub fn find(&mut self, lamp: usize, known: Option<f32>) -> Option<LampDistance> {
-        self.find_within([STEPS[0], NEAREST], lamp, known)
-    }
-
-    /// Finds the distance of lamp number `lamp` once more after those of others have changed: near the
-    /// last result as far as that was uncertain, anywhere if the lamp seemed to be far.
-    pub fn find_again(&mut self, lamp: usize) -> Option<LampDistance> {
-        let last = self.lamps.get(lamp)?.distance;
-        let range = if last.inverse > 0.0 {
-            let reach = AGAIN.max(2.0 * last.sigma);
-            let low = (last.inverse - reach).max(STEPS[0]);
-            [low, (last.inverse + reach).min(NEAREST)]
-        } else {
-            [STEPS[0], NEAREST]
-        };
-        self.find_within(range, lamp, None)
-    }
-
-    fn find_within(
-        &mut self,
-        range: [f32; 2],
-        lamp: usize,
-        known: Option<f32>,
-    ) -> Option<LampDistance> {
-        let source = *self.lamps.get(lamp)?;
-        if source.angular_radius > LARGEST {
-            return None;
-        }
-        let far = self.losses(lamp, &self.form(&source, 0.0));
-        let mut looked: Vec<(f32, Losses)> = vec![(0.0, far)];
-        let (around, reach) = if let Some(known) = known {
-            looked.push((known, self.losses(lamp, &self.by_lamp[lamp])));
-            (known, 2.0 * STEPS[1])
-        } else {
-            self.look(lamp, range, STEPS[0], &mut looked);
-            (best(&looked, 0.0), STEPS[0])
-        };
-        let low = (around - reach).max(STEPS[1]);
-        self.look(lamp, [low, around + reach], STEPS[1], &mut looked);
-        let found = judged(&looked, known);
-        self.lamps[lamp].distance = found;
-        self.by_lamp[lamp] = self.form(&self.lamps[lamp], found.inverse);
-        Some(found)
-    }
-
-    /// Finds the factor, RGB, on the light of lamp number `lamp` with which the depth of the shadows
-    /// agrees best, and uses it from now on; 1 if no other is significantly better. `known` is the
-    /// factor that is in the light already: the result times `known` is at least 1. At `first`, the
-    /// colour follows the best match, later only what is significantly better.
-    pub fn find_factor(&mut self, lamp: usize, known: Vec3, first: bool) -> Vec3 {
-        if self.by_lamp.get(lamp).is_none() {
-            return Vec3::ONE;
-        }
-        // Once a lamp is known to be too dark, its factor follows what is seen.
-        let is_corrected = known.max_element() > 1.0;
-        let significant = if is_corrected { 1.0 } else { LIKELY };
-        let range = if is_corrected {
-            [-1.0, 1.0]
-        } else {
-            [0.0, LAST_OCTAVE]
-        };
-        let (all, by_faces) = self.best_factor(lamp, range, significant);
-        let mut found = Vec3::splat(all);
-        if is_corrected || all != 1.0 {
-            // The colour of clipped pixels is that of the camera's white.
-            let significant = if first { f32::MIN } else { 1.0 };
-            for channel in 0..3 {
-                let start = (Vec3::splat(all), [-1.0, 1.0]);
-                let best = self.search_factor(channel, lamp, start, by_faces);
-                found[channel] *= best.judged(significant);
-            }
-        }
-        let found = found.max(known.recip());
-        self.lamps[lamp].irradiance *= found;
-        self.scale = self.texture_scale();
-        found
-    }
-
-    /// Returns the best factor within a range of octaves on the light of a lamp, 1 if it is not better
-    /// with a Student's t of `significant`; and whether the faces of phantoms tell it, because shadows
-    /// do not.
-    fn best_factor(&self, lamp: usize, range: [f32; 2], significant: f32) -> (f32, bool) {
-        let search =
-            |with_faces| self.search_factor(LUMINANCE_OF, lamp, (Vec3::ONE, range), with_faces);
-        let by_shadows = search(false);
-        if by_shadows.better > significant || by_shadows.is_certain {
-            return (by_shadows.judged(significant), false);
-        }
-        (search(true).judged(significant.min(LIKELY_BY_FACES)), true)
-    }
-
-    /// Finds the best factor within a range of octaves on the light of a lamp in a channel, in addition to
-    /// `start`, by shadows alone or by faces, too.
-    fn search_factor(
-        &self,
-        channel: usize,
-        lamp: usize,
-        (start, [low, high]): (Vec3, [f32; 2]),
-        with_faces: bool,
-    ) -> FoundFactor {
-        let light = self.lamps[lamp].irradiance * start;
-        let losses = |octaves: f32| {
-            let other = (self.by_lamp[lamp].as_slice(), light * octaves.exp2());
-            let log = self.log_irradiance(channel, Some((lamp, other)));
-            let mut losses = self.losses_of(channel, &log);
-            if with_faces {
-                losses.extend(self.faces.losses(self.surfaces, channel, &log));
-            }
-            (octaves, losses)
-        };
-        let steps = ((high - low) / OCTAVES[0]).round() as i32;
-        let coarse = (0..=steps).map(|k| low + OCTAVES[0] * k as f32);
-        let mut looked = vec![losses(0.0)];
-        looked.extend(coarse.filter(|octaves| *octaves != 0.0).map(losses));
-        let around = best(&looked, 0.0);
-        let fine = [-3, -2, -1, 1, 2, 3].map(|k| around + OCTAVES[1] * k as f32);
-        looked.extend(fine.map(losses));
-        FoundFactor::of(&looked)
-    }
-
-    /// Adds the losses for the reciprocals of a range, `step` apart.
-    fn look(&self, lamp: usize, [low, high]: [f32; 2], step: f32, looked: &mut Vec<(f32, Losses)>) {
-        let steps = ((high - low) / step).round() as i32;
-        for inverse in (0..=steps).map(|k| low + step * k as f32) {
-            if looked
-                .iter()
-                .all(|(known, _)| (known - inverse).abs() > 0.01)
-            {
-                let form = self.form(&self.lamps[lamp], inverse);
-                looked.push((inverse, self.losses(lamp, &form)));
-            }
-        }
-    }
-
     /// What the irradiance of a lamp at a distance of 1/`inverse` is multiplied by at each point.
-    fn form(&self, lamp: &CompactSource, inverse: f32) -> Vec<f32> {
-        let samples = samples(lamp.angular_radius);
-        let (right, up) = lamp.direction.any_orthonormal_pair();
-        let radius = lamp.angular_radius.tan();
-        let offsets: Vec<Vec3> = (0..samples)
-            .map(|k| disc(k, samples) * radius)
-            .map(|at| right * at.x + up * at.y)
-            .collect();
-        let inverse = f64::from(inverse);
-        let at = |point: &Option<SurfacePoint>| {
-            let Some(p) = point else { return 0.0 };
-            let shift = (self.observer - p.position) * inverse;
-            let to = lamp.direction.as_dvec3() + shift;
-            let cosine = to.dot(p.normal.as_dvec3());
-            if cosine <= 0.0 {
+    fn form(&self, lamp: &SeenLamp, inverse: f32) -> Vec<f32> {
+        let points = &self.surfaces.points;
+        let by_parts = |point: &Option<SurfacePoint>, is_seen: &dyn Fn(DVec3, DVec3) -> bool| {
+            point.map_or(0.0, |p| self.by_parts(lamp, inverse, &p, is_seen))
+        };
+        let farthest = if inverse > 0.0 {
+            f64::from(inverse).recip()
+        } else {
+            1e9
+        };
+        let is_seen = |origin, to| !(self.blocked)(origin, to, farthest);
+        if lamp.source.angular_radius < WIDE {
+            return points.iter().map(|p| by_parts(p, &is_seen)).collect();
+        }
+        // Where shadows are soft, every second point tells what is between.
+        let is_traced =
+            |i: usize| (i % self.surfaces.width + i / self.surfaces.width).is_multiple_of(2);
+        let mut form: Vec<f32> = points.iter().map(|p| by_parts(p, &|_, _| true)).collect();
+        let traced = |(i, (p, open)): (usize, (&Option<SurfacePoint>, &f32))| {
+            let is_traced = is_traced(i) && *open > 0.0;
+            is_traced.then(|| by_parts(p, &is_seen) / open)
+        };
+        let shares: Vec<Option<f32>> = points.iter().zip(&form).enumerate().map(traced).collect();
+        for i in 0..form.len() {
+            if form[i] > 0.0 {
+                let beside = || self.share_beside(&shares, i);
+                let share = shares[i].or_else(beside);
+                form[i] =
+                    share.map_or_else(|| by_parts(&points[i], &is_seen), |share| share * form[i]);
+            }
+        }
+        form
+    }
+
+    /// The same at one point, with those parts of the lamp that it sees, in directions from an origin.
+    fn by_parts(
+        &self,
+        lamp: &SeenLamp,
+        inverse: f32,
+        point: &SurfacePoint,
+        is_seen: impl Fn(DVec3, DVec3) -> bool,
+    ) -> f32 {
+        let shift = (self.observer - point.position) * f64::from(inverse);
+        let normal = point.normal.as_dvec3();
+        let origin = point.position + 1e-3 * normal;
+        let by_part = |part: &Vec3| {
+            let to = part.as_dvec3() + shift;
+            let cosine = to.dot(normal);
+            if cosine <= 0.0 || !is_seen(origin, to) {
                 return 0.0;
             }
-            let origin = p.position + 1e-3 * p.normal.as_dvec3();
-            let farthest = if inverse > 0.0 { inverse.recip() } else { 1e9 };
-            let seen = |offset: &&Vec3| !(self.blocked)(origin, to + offset.as_dvec3(), farthest);
-            let share = offsets.iter().filter(seen).count() as f32 / samples as f32;
-            let length = to.length().max(0.05);
-            share * (cosine / length.powi(3)) as f32
+            cosine / to.length().max(0.05).powi(3)
         };
-        self.surfaces.points.iter().map(at).collect()
+        let sum: f64 = lamp.parts.iter().map(by_part).sum();
+        (sum / lamp.parts.len() as f64) as f32
     }
 
-    /// The losses of luminance with another form of lamp number `lamp`.
-    fn losses(&self, lamp: usize, form: &[f32]) -> Losses {
-        let light = self.lamps[lamp].irradiance;
-        self.channel_losses(LUMINANCE_OF, lamp, (form, light))
+    /// The mean of the shares of a lamp that are seen from the points beside one on the same surface.
+    fn share_beside(&self, shares: &[Option<f32>], i: usize) -> Option<f32> {
+        let (width, points) = (self.surfaces.width, &self.surfaces.points);
+        let p = points[i]?;
+        let beside = [
+            (i % width > 0).then(|| i - 1),
+            (i % width + 1 < width).then_some(i + 1),
+            i.checked_sub(width),
+            Some(i + width),
+        ];
+        let (mut sum, mut count) = (0.0, 0);
+        for k in beside.into_iter().flatten() {
+            let (Some(Some(q)), Some(Some(share))) = (points.get(k), shares.get(k)) else {
+                continue;
+            };
+            if q.is_beside(&p) {
+                sum += share;
+                count += 1;
+            }
+        }
+        (count > 0).then(|| sum / count as f32)
     }
 
     /// The losses in a channel with another form and irradiance of a lamp.
@@ -362,7 +253,7 @@ impl<'a> DistanceSearch<'a> {
         for (k, (own, lamp)) in self.by_lamp.iter().zip(&self.lamps).enumerate() {
             let (form, light) = match other {
                 Some((lamp, other)) if lamp == k => other,
-                _ => (own.as_slice(), lamp.irradiance),
+                _ => (own.as_slice(), lamp.source.irradiance),
             };
             let light = values(light)[channel].max(0.0);
             let each = sum.iter_mut().zip(form);
@@ -396,7 +287,7 @@ impl<'a> DistanceSearch<'a> {
                     let Some(Some(q)) = points.get(k) else {
                         continue;
                     };
-                    if q.surface == p.surface && q.normal.dot(p.normal) > SAME_NORMAL {
+                    if q.is_beside(p) {
                         each(i, k, p, q);
                     }
                 }
@@ -437,24 +328,6 @@ fn values(light: Vec3) -> [f32; 4] {
     [light.x, light.y, light.z, light.dot(LUMINANCE)]
 }
 
-/// Rays to a lamp of an angular radius.
-fn samples(radius: f32) -> usize {
-    match radius {
-        r if r < 0.02 => 1,
-        r if r < 0.06 => 4,
-        _ => 8,
-    }
-}
-
-/// Evenly distributed points of the unit disc (Vogel 1979).
-fn disc(k: usize, count: usize) -> glam::Vec2 {
-    if count == 1 {
-        return glam::Vec2::ZERO;
-    }
-    let radius = ((k as f32 + 0.5) / count as f32).sqrt();
-    glam::Vec2::from_angle(2.399_963_2 * k as f32) * radius
-}
-
 /// The value with the least loss; `otherwise` without any.
 fn best(looked: &[(f32, Losses)], otherwise: f32) -> f32 {
     let total = |losses: &Losses| losses.iter().sum::<f32>();
@@ -476,59 +349,10 @@ fn improvement(from: &[f32], to: &[f32]) -> f32 {
     sum / squares.max(1e-12).sqrt()
 }
 
-/// The best reciprocal, with its standard deviation, if it is significantly better than 0; of a
-/// lamp whose reciprocal is `known`, that one unless another is better.
-fn judged(looked: &[(f32, Losses)], known: Option<f32>) -> LampDistance {
-    let mut inverse = best(looked, 0.0);
-    let losses = |wanted: f32| {
-        let found = looked.iter().find(|(inverse, _)| *inverse == wanted);
-        found.map_or(&[][..], |(_, losses)| losses.as_slice())
-    };
-    if let Some(known) = known {
-        let needed = if inverse == 0.0 { SIGNIFICANT } else { 1.0 };
-        if improvement(losses(known), losses(inverse)) < needed {
-            inverse = known;
-        }
-    }
-    // As far as a reciprocal is less than one standard deviation worse, it may be the right one.
-    let least = losses(inverse);
-    let alike = looked.iter().filter(|(_, l)| improvement(l, least) < 1.0);
-    let sigma = alike
-        .map(|(i, _)| (i - inverse).abs())
-        .fold(STEPS[1], f32::max);
-    let is_near = improvement(losses(0.0), least) > SIGNIFICANT && inverse > 2.0 * sigma;
-    LampDistance {
-        inverse: match known {
-            Some(known) if known == inverse => known,
-            None if !is_near => 0.0,
-            _ => between_steps(looked, inverse),
-        },
-        sigma,
-    }
-}
-
-/// The minimum of the parabola through the losses of the best reciprocal and its neighbours.
-fn between_steps(looked: &[(f32, Losses)], best: f32) -> f32 {
-    let total = |wanted: f32| {
-        let found = looked.iter().find(|(i, _)| (i - wanted).abs() < 0.01)?;
-        Some(found.1.iter().sum::<f32>())
-    };
-    let (before, after) = (total(best - STEPS[1]), total(best + STEPS[1]));
-    let (Some(before), Some(least), Some(after)) = (before, total(best), after) else {
-        return best;
-    };
-    let curvature = before + after - 2.0 * least;
-    let shift = if curvature > 0.0 {
-        0.5 * (before - after) / curvature
-    } else {
-        0.0
-    };
-    best + STEPS[1] * shift.clamp(-0.5, 0.5)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use glam::DVec2;
     use penumbra_numerics::Random;
 
     /// Boxes, each seen from above and from two sides, on a ground, in the light of a lamp overhead
@@ -575,6 +399,14 @@ mod tests {
             }
         }
         (SeenSurfaces { width: 8, points }, lamp)
+    }
+
+    /// A lamp without extent.
+    pub fn seen_lamp(source: CompactSource) -> SeenLamp {
+        SeenLamp {
+            source,
+            parts: vec![source.direction],
+        }
     }
 
     /// A ground of 90 by 60 points, 1 cm apart, in the light of `lamps` (position, power) and of a
@@ -628,11 +460,11 @@ mod tests {
             }
         }
 
-        fn sources(&self) -> Vec<CompactSource> {
+        fn sources(&self) -> Vec<SeenLamp> {
             let each = self.lamps.iter().zip(0..);
             each.map(|((lamp, power), id)| {
                 let to = *lamp - OBSERVER;
-                CompactSource {
+                seen_lamp(CompactSource {
                     id,
                     direction: to.normalize().as_vec3(),
                     irradiance: Vec3::splat(*power / to.length_squared() as f32),
@@ -641,7 +473,7 @@ mod tests {
                     position: None,
                     clipped: 0.0,
                     lights: 1,
-                }
+                })
             })
             .collect()
         }
@@ -658,10 +490,8 @@ mod tests {
         let blocked = |o: DVec3, to: DVec3, farthest: f64| blocked(known, o, to, farthest);
         let mut search = DistanceSearch::new(&seen, &sources, &sky(), OBSERVER, &blocked);
         let all = 0..sources.len();
-        for k in all.clone() {
-            search.find(k, None);
-        }
-        all.filter_map(|k| search.find_again(k)).collect()
+        let found = search.find_together(&all.collect::<Vec<_>>());
+        found.into_iter().map(|(_, distance)| distance).collect()
     }
 
     const BALLS: [(DVec3, f64); 2] = [
@@ -688,6 +518,34 @@ mod tests {
                 assert!(error < tolerance, "{lamp}: {found:?} for {expected}");
             }
         }
+    }
+
+    #[test]
+    fn wide_lamps_are_found_by_their_soft_shadows() {
+        // A softbox 0.3 m wide.
+        let centre = DVec3::new(0.25, -0.2, 0.5);
+        let bulb = |k: usize| {
+            let at = DVec2::from_angle(2.4 * k as f64) * 0.15 * ((k as f64 + 0.5) / 32.0).sqrt();
+            (centre + DVec3::new(at.x, at.y, 0.0), 0.3 / 32.0)
+        };
+        let mut table = Table {
+            lamps: (0..32).map(bulb).collect(),
+            balls: BALLS.to_vec(),
+            texture: 0.1,
+        };
+        let towards = |(at, _): &(DVec3, f32)| (*at - OBSERVER).normalize().as_vec3();
+        let parts = table.lamps.iter().step_by(2).map(towards).collect();
+        let seen = table.seen();
+        table.lamps = vec![(centre, 0.3)];
+        let mut lamps = table.sources();
+        lamps[0].source.angular_radius = 0.2;
+        lamps[0].parts = parts;
+        let blocked = |o: DVec3, to: DVec3, farthest: f64| blocked(&BALLS, o, to, farthest);
+        let mut search = DistanceSearch::new(&seen, &lamps, &sky(), OBSERVER, &blocked);
+        let (_, found) = search.find_together(&[0])[0];
+        let expected = centre.distance(OBSERVER).recip() as f32;
+        let error = (found.inverse - expected).abs() / expected;
+        assert!(error < 0.05, "{found:?} for {expected}");
     }
 
     #[test]
@@ -738,10 +596,10 @@ mod tests {
         };
         let (seen, mut sources) = (table.seen(), table.sources());
         let lost = Vec3::new(0.5, 0.4, 0.3);
-        sources[0].irradiance *= lost;
+        sources[0].source.irradiance *= lost;
         let blocked = |o: DVec3, to: DVec3, farthest: f64| blocked(&BALLS, o, to, farthest);
         let mut search = DistanceSearch::new(&seen, &sources, &sky(), OBSERVER, &blocked);
-        search.find(0, None);
+        search.find_together(&[0]);
         let mut factor = Vec3::ONE;
         for _ in 0..3 {
             factor *= search.find_factor(0, factor, true);

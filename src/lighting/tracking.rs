@@ -102,6 +102,28 @@ impl TrackedSource {
         }
     }
 
+    /// Returns unit vectors to `n` parts of it with equal energy.
+    pub fn parts(&self, n: usize) -> Vec<Vec3> {
+        if n <= 1 {
+            return vec![self.direction];
+        }
+        let axes = (self.axis, self.direction.cross(self.axis));
+        let mut centres = Vec::with_capacity(n);
+        let mut add = |leaf: &[Part]| {
+            let sum: Vec3 = leaf.iter().map(|p| p.direction * p.weight).sum();
+            centres.push(sum.try_normalize().unwrap_or(self.direction));
+        };
+        cut(
+            &mut self.parts.clone(),
+            n,
+            axes,
+            &mut Vec::new(),
+            &mut 0,
+            &mut add,
+        );
+        centres
+    }
+
     /// Returns its lights, always in the same order.
     pub fn split(&mut self, ground: bool, views: &Viewpoints) -> Vec<DomeLight> {
         let mut lights = Vec::with_capacity(self.lights);

@@ -1,5 +1,6 @@
 //! Queries of an estimator's state.
 
+use super::super::lamp_distance::SeenLamp;
 use super::super::probe::ProbeMap;
 use super::*;
 
@@ -51,6 +52,19 @@ impl EnvironmentEstimator {
         let strength = |s: &CompactSource| s.irradiance.dot(LUMINANCE);
         sources.sort_by(|a, b| strength(b).total_cmp(&strength(a)));
         sources
+    }
+
+    /// Returns what [`Self::sources`] returns, with the shape of each.
+    #[must_use]
+    pub fn lamps(&self) -> Vec<SeenLamp> {
+        let Dome::Adaptive(dome) = &self.dome else {
+            return Vec::new();
+        };
+        let with_parts = |source: CompactSource| SeenLamp {
+            source,
+            parts: dome.parts(source.id, SeenLamp::part_count(source.angular_radius)),
+        };
+        self.sources().into_iter().map(with_parts).collect()
     }
 
     /// Returns the linear value of a pixel of the last merged picture, environment camera units;

@@ -72,7 +72,7 @@ impl Faces {
 
 #[cfg(test)]
 mod tests {
-    use super::super::tests::{overhead, sky};
+    use super::super::tests::{overhead, seen_lamp, sky};
     use super::super::*;
     use super::*;
 
@@ -82,7 +82,8 @@ mod tests {
         lamp.irradiance *= 0.33;
         lamp.clipped = 0.7;
         let blocked = |_: DVec3, _: DVec3, _: f64| false;
-        let mut search = DistanceSearch::new(&seen, &[lamp], &sky(), DVec3::ZERO, &blocked);
+        let lamps = [seen_lamp(lamp)];
+        let mut search = DistanceSearch::new(&seen, &lamps, &sky(), DVec3::ZERO, &blocked);
         search.find_factor(0, Vec3::ONE, true).x * 0.33
     }
 

@@ -43,8 +43,6 @@ const CLIPPED: f32 = 0.2;
 const SETTLING: u32 = 4;
 /// Rounds over all clipped lamps when one of them is new.
 const ROUNDS: usize = 3;
-/// Change of all reciprocal distances, 1/m, below which they are not searched once more.
-const SETTLED: f32 = 0.06;
 /// Factor on a lamp's light that makes the light another.
 const MUCH: f32 = 1.2;
 /// Angle between a stated light and a source, radians, in addition to the source's radius, up to
@@ -153,7 +151,7 @@ impl LampPlaces {
         let sources = estimator.sources();
         self.follow(&sources);
         let mut gained = self.place_stated(&sources, observer);
-        gained |= self.estimate(scene, lighting, (&sources, observer));
+        gained |= self.estimate(scene, lighting, (estimator, &sources, observer));
         let known = self.known.iter();
         let distances: Vec<_> = known.map(|k| (k.id, k.distance)).collect();
         estimator.set_distances(&distances);
@@ -232,7 +230,7 @@ impl LampPlaces {
         &mut self,
         scene: &SceneView<'_>,
         lighting: &Lighting,
-        (sources, observer): (&[CompactSource], DVec3),
+        (estimator, sources, observer): (&EnvironmentEstimator, &[CompactSource], DVec3),
     ) -> bool {
         let Some(pose) = scene.world_from_camera.filter(|_| self.is_estimated) else {
             return false;
@@ -253,21 +251,22 @@ impl LampPlaces {
             known.tries = known.tries.saturating_sub(1);
         }
         self.see(scene, pose);
-        let mut lamps = sources.to_vec();
-        for lamp in &mut lamps {
-            lamp.distance = (self.known(lamp.id)).map_or(LampDistance::FAR, |k| k.distance);
+        let mut seen = estimator.lamps();
+        for lamp in &mut seen {
+            let known = self.known(lamp.source.id);
+            lamp.source.distance = known.map_or(LampDistance::FAR, |k| k.distance);
         }
+        let lamps: Vec<CompactSource> = seen.iter().map(|lamp| lamp.source).collect();
         let rays = Arc::clone(&self.rays);
         let surfaces = std::mem::take(&mut self.surfaces);
         let blocked =
             |origin: DVec3, to: DVec3, farthest: f64| rays.is_blocked(origin, to, farthest);
         let mut search =
-            DistanceSearch::new(&surfaces, &lamps, &lighting.irradiance, observer, &blocked);
+            DistanceSearch::new(&surfaces, &seen, &lighting.irradiance, observer, &blocked);
         let new: Vec<usize> = (0..lamps.len().min(LAMPS))
             .filter(|k| self.known(lamps[*k].id).is_none())
             .collect();
         let mut gained = self.find_distances(&mut search, (&lamps, observer));
-        gained |= self.find_again(&mut search, (&lamps, observer), &new);
         if new.iter().any(|k| lamps[*k].clipped > CLIPPED) {
             self.settling = SETTLING;
         }
@@ -283,65 +282,42 @@ impl LampPlaces {
         gained
     }
 
-    /// Finds the distances of lamps one by one; true if a lamp has gained a place.
+    /// Finds the distances of lamps: of near ones beside the last, of others anywhere, together. True if a
+    /// lamp has gained a place.
     fn find_distances(
         &mut self,
         search: &mut DistanceSearch<'_>,
         (lamps, observer): (&[CompactSource], DVec3),
     ) -> bool {
-        let mut gained = false;
+        let is_late = self.is_late();
+        let mut far = Vec::new();
         for (k, lamp) in lamps.iter().enumerate().take(LAMPS) {
-            let before = self.known(lamp.id).copied();
-            let known = before.map_or(LampDistance::FAR, |k| k.distance);
-            let was_far = known.inverse == 0.0;
-            let tries = before.is_none_or(|k| k.tries > 0);
-            let rests = !tries && was_far && !self.is_late();
-            let found = if rests || self.is_stated(lamp, observer) {
-                None
-            } else {
-                search.find(k, (!was_far).then_some(known.inverse))
+            if self.is_stated(lamp, observer) {
+                continue;
+            }
+            let Some(known) = self.known(lamp.id).copied() else {
+                far.push(k);
+                continue;
             };
-            let mut now = found.unwrap_or(known);
-            gained |= was_far && now.inverse > 0.0;
-            if !was_far && now.inverse > 0.0 {
-                now.inverse = known.inverse + (now.inverse - known.inverse) * SHARE;
-            }
-            self.note(lamp, now, before.map_or(Vec3::ONE, |k| k.factor));
-        }
-        gained
-    }
-
-    /// Finds the distances of lamps that are new once more: what the shadows tell of one depends on the
-    /// others'. True if a lamp has gained a place.
-    fn find_again(
-        &mut self,
-        search: &mut DistanceSearch<'_>,
-        (lamps, observer): (&[CompactSource], DVec3),
-        new: &[usize],
-    ) -> bool {
-        let mut gained = false;
-        if new.len() < 2 {
-            return gained;
-        }
-        let estimated = |k: &&usize| self.stated_distance(&lamps[**k], observer).is_none();
-        let which: Vec<usize> = new.iter().filter(estimated).copied().collect();
-        for _ in 0..ROUNDS {
-            let mut moved = 0.0f32;
-            for &k in &which {
-                let Some(known) = self.known(lamps[k].id).copied() else {
-                    continue;
-                };
-                if let Some(found) = search.find_again(k) {
-                    moved = moved.max((found.inverse - known.distance.inverse).abs());
-                    gained |= known.distance.inverse == 0.0 && found.inverse > 0.0;
-                    self.note(&lamps[k], found, known.factor);
+            if known.distance.inverse == 0.0 {
+                let is_tried = known.tries > 0 || is_late;
+                far.extend(is_tried.then_some(k));
+            } else if let Some(mut now) = search.find(k, known.distance.inverse) {
+                if now.inverse > 0.0 {
+                    now.inverse =
+                        known.distance.inverse + (now.inverse - known.distance.inverse) * SHARE;
                 }
-            }
-            if moved <= SETTLED {
-                break;
+                self.note(lamp, now, known.factor);
             }
         }
-        gained
+        let found = search.find_together(&far);
+        for k in far {
+            let distance = found.iter().find(|(lamp, _)| *lamp == k);
+            let distance = distance.map_or(LampDistance::FAR, |(_, distance)| *distance);
+            let factor = self.known(lamps[k].id).map_or(Vec3::ONE, |k| k.factor);
+            self.note(&lamps[k], distance, factor);
+        }
+        found.iter().any(|(_, distance)| distance.inverse > 0.0)
     }
 
     /// Estimates the factors on clipped lamps, at once while they settle, else as a small step; true if

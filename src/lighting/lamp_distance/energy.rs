@@ -1,0 +1,125 @@
+//! The energy of clipped lamps, from the depth of shadows and the shading of faces.
+
+use super::{DistanceSearch, LUMINANCE_OF, Losses, best, improvement};
+use glam::Vec3;
+
+/// Student's t from which more light is likely: a clipped lamp has more than its pixels show.
+const LIKELY: f32 = 2.0;
+/// The same if the shading of phantoms tells it: three faces that agree.
+const LIKELY_BY_FACES: f32 = 1.7;
+/// The largest factor on a clipped lamp's light, octaves.
+const LAST_OCTAVE: f32 = 11.0;
+/// Spacing of the searched factors, octaves, in the first and in the second step.
+const OCTAVES: [f32; 2] = [1.0 / 3.0, 1.0 / 12.0];
+
+/// The best factor of a search.
+struct FoundFactor {
+    octaves: f32,
+    /// Student's t by which it is better than no factor.
+    better: f32,
+    /// Whether an octave more or less is significantly worse.
+    is_certain: bool,
+}
+
+impl FoundFactor {
+    /// `looked`: octaves, the first 0, and the losses there.
+    fn of(looked: &[(f32, Losses)]) -> Self {
+        let octaves = best(looked, 0.0);
+        let losses = |wanted: f32| {
+            let apart = |(octaves, _): &&(f32, Losses)| (octaves - wanted).abs();
+            let nearest = looked.iter().min_by(|a, b| apart(a).total_cmp(&apart(b)));
+            nearest.map_or(&[][..], |(_, losses)| losses.as_slice())
+        };
+        let least = losses(octaves);
+        let worse = |by: f32| improvement(losses(octaves + by), least);
+        Self {
+            octaves,
+            better: improvement(losses(0.0), least),
+            is_certain: worse(-1.0).min(worse(1.0)) > LIKELY,
+        }
+    }
+
+    /// The factor if it is better with this Student's t, else 1. At the end of the range only a bound is
+    /// known.
+    fn judged(&self, significant: f32) -> f32 {
+        let is_better = self.better > significant && self.octaves < LAST_OCTAVE;
+        if is_better { self.octaves.exp2() } else { 1.0 }
+    }
+}
+
+impl DistanceSearch<'_> {
+    /// Finds the factor, RGB, on the light of lamp number `lamp` with which the depth of the shadows
+    /// agrees best, and uses it from now on; 1 if no other is significantly better. `known` is the
+    /// factor that is in the light already: the result times `known` is at least 1. At `first`, the
+    /// colour follows the best match, later only what is significantly better.
+    pub fn find_factor(&mut self, lamp: usize, known: Vec3, first: bool) -> Vec3 {
+        if self.by_lamp.get(lamp).is_none() {
+            return Vec3::ONE;
+        }
+        // Once a lamp is known to be too dark, its factor follows what is seen.
+        let is_corrected = known.max_element() > 1.0;
+        let significant = if is_corrected { 1.0 } else { LIKELY };
+        let range = if is_corrected {
+            [-1.0, 1.0]
+        } else {
+            [0.0, LAST_OCTAVE]
+        };
+        let (all, by_faces) = self.best_factor(lamp, range, significant);
+        let mut found = Vec3::splat(all);
+        if is_corrected || all != 1.0 {
+            // The colour of clipped pixels is that of the camera's white.
+            let significant = if first { f32::MIN } else { 1.0 };
+            for channel in 0..3 {
+                let start = (Vec3::splat(all), [-1.0, 1.0]);
+                let best = self.search_factor(channel, lamp, start, by_faces);
+                found[channel] *= best.judged(significant);
+            }
+        }
+        let found = found.max(known.recip());
+        self.lamps[lamp].source.irradiance *= found;
+        self.scale = self.texture_scale();
+        found
+    }
+
+    /// Returns the best factor within a range of octaves on the light of a lamp, 1 if it is not better
+    /// with a Student's t of `significant`; and whether the faces of phantoms tell it, because shadows
+    /// do not.
+    fn best_factor(&self, lamp: usize, range: [f32; 2], significant: f32) -> (f32, bool) {
+        let search =
+            |with_faces| self.search_factor(LUMINANCE_OF, lamp, (Vec3::ONE, range), with_faces);
+        let by_shadows = search(false);
+        if by_shadows.better > significant || by_shadows.is_certain {
+            return (by_shadows.judged(significant), false);
+        }
+        (search(true).judged(significant.min(LIKELY_BY_FACES)), true)
+    }
+
+    /// Finds the best factor within a range of octaves on the light of a lamp in a channel, in addition to
+    /// `start`, by shadows alone or by faces, too.
+    fn search_factor(
+        &self,
+        channel: usize,
+        lamp: usize,
+        (start, [low, high]): (Vec3, [f32; 2]),
+        with_faces: bool,
+    ) -> FoundFactor {
+        let light = self.lamps[lamp].source.irradiance * start;
+        let losses = |octaves: f32| {
+            let other = (self.by_lamp[lamp].as_slice(), light * octaves.exp2());
+            let log = self.log_irradiance(channel, Some((lamp, other)));
+            let mut losses = self.losses_of(channel, &log);
+            if with_faces {
+                losses.extend(self.faces.losses(self.surfaces, channel, &log));
+            }
+            (octaves, losses)
+        };
+        let steps = ((high - low) / OCTAVES[0]).round() as i32;
+        let coarse = (0..=steps).map(|k| low + OCTAVES[0] * k as f32);
+        let mut looked = vec![losses(0.0)];
+        looked.extend(coarse.filter(|octaves| *octaves != 0.0).map(losses));
+        let around = best(&looked, 0.0);
+        let fine = [-3, -2, -1, 1, 2, 3].map(|k| around + OCTAVES[1] * k as f32);
+        looked.extend(fine.map(losses));
+        FoundFactor::of(&looked)
+    }
+}

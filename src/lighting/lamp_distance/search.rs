@@ -1,0 +1,234 @@
+//! The search for the distances of lamps.
+//!
+//! What the shadows tell of one lamp depends on where the others are: with the others infinitely far, no
+//! distance of a near one may explain the picture well. Lamps that are new are therefore searched together:
+//! each takes its best distance in turn until all have settled, and only then it is judged which of them are
+//! near. One that is not becomes infinitely far, and the others settle again.
+
+use super::{
+    DistanceSearch, LUMINANCE_OF, LampDistance, Losses, SeenLamp, WIDE, best, improvement,
+};
+
+/// Spacing of the reciprocals, 1/m, that are looked at in the end.
+const FINE: f32 = 0.05;
+/// Largest reciprocal, 1/m: no lamp is nearer than 0.2 m.
+const NEAREST: f32 = 5.0;
+/// Distance from the last result, 1/m, that is searched once more.
+const AGAIN: f32 = 0.4;
+/// Largest number of rounds in which lamps settle.
+const ROUNDS: usize = 8;
+/// Change of all reciprocals in a round, 1/m, with which they have settled.
+const SETTLED: f32 = 0.02;
+/// Student's t from which an improvement is significant.
+const SIGNIFICANT: f32 = 3.0;
+/// Largest angular radius of a lamp, radians, whose shadows tell a distance.
+const LARGEST: f32 = 0.35;
+
+/// Losses by reciprocals, 1/m.
+type Looked = Vec<(f32, Losses)>;
+
+/// A lamp that is searched.
+struct Searched {
+    lamp: usize,
+    /// What its irradiance is multiplied by at each point, by numbers of fine steps.
+    forms: Vec<(u32, Vec<f32>)>,
+    inverse: f32,
+}
+
+impl DistanceSearch<'_> {
+    /// Finds the distance of lamp number `lamp` near the one that is known, and uses it from now on.
+    /// `None` if the lamp is too large for its shadows to tell.
+    pub fn find(&mut self, lamp: usize, known: f32) -> Option<LampDistance> {
+        let source = self.lamps.get(lamp).filter(|l| can_tell(l))?;
+        let far = self.losses(lamp, &self.form(source, 0.0));
+        let mut looked = vec![(0.0, far), (known, self.losses(lamp, &self.by_lamp[lamp]))];
+        for k in [-2.0, -1.0, 1.0, 2.0f32] {
+            let inverse = (known + k * FINE).max(FINE);
+            let form = self.form(&self.lamps[lamp], inverse);
+            looked.push((inverse, self.losses(lamp, &form)));
+        }
+        let found = judged(&looked, Some(known));
+        self.lamps[lamp].source.distance = found;
+        self.by_lamp[lamp] = self.form(&self.lamps[lamp], found.inverse);
+        Some(found)
+    }
+
+    /// Finds the distances of lamps, and uses them from now on. Returns them with the lamps' numbers, without
+    /// lamps too large for their shadows to tell.
+    pub fn find_together(&mut self, lamps: &[usize]) -> Vec<(usize, LampDistance)> {
+        let can_tell = |lamp: &&usize| self.lamps.get(**lamp).is_some_and(can_tell);
+        let new = |lamp: &usize| Searched {
+            lamp: *lamp,
+            forms: Vec::new(),
+            inverse: 0.0,
+        };
+        let mut searched: Vec<Searched> = lamps.iter().filter(can_tell).map(new).collect();
+        let mut found = Vec::new();
+        self.settle(&mut searched);
+        loop {
+            let judge = |s: &mut Searched| {
+                let looked = self.look(s, [0.0, NEAREST]);
+                (better_than_far(&looked), judged(&looked, None))
+            };
+            let all: Vec<(f32, LampDistance)> = searched.iter_mut().map(judge).collect();
+            let far = all.iter().enumerate().filter(|(_, l)| l.1.inverse == 0.0);
+            let Some((k, (_, distance))) = far.min_by(|a, b| a.1.0.total_cmp(&b.1.0)) else {
+                let near = searched.iter().zip(all);
+                found.extend(near.map(|(s, (_, distance))| (s.lamp, distance)));
+                break;
+            };
+            let gone = searched.remove(k);
+            found.push((gone.lamp, *distance));
+            if gone.inverse > 0.0 {
+                self.by_lamp[gone.lamp] = self.form(&self.lamps[gone.lamp], 0.0);
+                self.settle(&mut searched);
+            }
+        }
+        for (lamp, distance) in &found {
+            self.lamps[*lamp].source.distance = *distance;
+            self.by_lamp[*lamp] = self.form(&self.lamps[*lamp], distance.inverse);
+        }
+        found.sort_unstable_by_key(|(lamp, _)| *lamp);
+        found
+    }
+
+    /// Gives each lamp its best distance in turn until none changes any more.
+    fn settle(&mut self, searched: &mut [Searched]) {
+        for round in 0..ROUNDS {
+            let mut moved = 0.0f32;
+            for s in searched.iter_mut() {
+                let range = if round == 0 {
+                    [0.0, NEAREST]
+                } else {
+                    [s.inverse - AGAIN, s.inverse + AGAIN]
+                };
+                let inverse = best(&self.look(s, range), 0.0);
+                moved = moved.max((inverse - s.inverse).abs());
+                s.inverse = inverse;
+                let number = number(inverse);
+                if let Some((_, form)) = s.forms.iter().find(|(n, _)| *n == number) {
+                    self.by_lamp[s.lamp].clone_from(form);
+                }
+            }
+            if moved < SETTLED || searched.len() < 2 {
+                break;
+            }
+        }
+    }
+
+    /// The losses at infinity, in a range of reciprocals, and in smaller and smaller steps about the best of
+    /// them.
+    fn look(&self, s: &mut Searched, [low, high]: [f32; 2]) -> Looked {
+        let mut looked = Looked::new();
+        let mut step = coarse(&self.lamps[s.lamp]);
+        let [first, last] = [low, high].map(|end| number(end.clamp(0.0, NEAREST)).div_ceil(step));
+        for k in std::iter::once(0).chain(first..=last) {
+            self.look_at(s, k * step, &mut looked);
+        }
+        while step > 1 {
+            step /= 2;
+            let around = number(best(&looked, 0.0));
+            for n in [around.saturating_sub(step), around + step] {
+                self.look_at(s, n, &mut looked);
+            }
+        }
+        looked
+    }
+
+    /// Adds the losses at a number of fine steps.
+    fn look_at(&self, s: &mut Searched, number: u32, looked: &mut Looked) {
+        let inverse = number as f32 * FINE;
+        if looked.iter().any(|(known, _)| *known == inverse) {
+            return;
+        }
+        let known = s.forms.iter().position(|(n, _)| *n == number);
+        let k = known.unwrap_or_else(|| {
+            let form = self.form(&self.lamps[s.lamp], inverse);
+            s.forms.push((number, form));
+            s.forms.len() - 1
+        });
+        looked.push((inverse, self.losses(s.lamp, &s.forms[k].1)));
+    }
+
+    /// The losses of luminance with another form of lamp number `lamp`.
+    fn losses(&self, lamp: usize, form: &[f32]) -> Losses {
+        let light = self.lamps[lamp].source.irradiance;
+        self.channel_losses(LUMINANCE_OF, lamp, (form, light))
+    }
+}
+
+/// Whether the shadows of a lamp tell its distance.
+fn can_tell(lamp: &SeenLamp) -> bool {
+    lamp.source.angular_radius <= LARGEST
+}
+
+/// The number of fine steps between the reciprocals that are looked at first, a power of two: the wider a
+/// lamp, the softer its shadows, and the farther they match.
+fn coarse(lamp: &SeenLamp) -> u32 {
+    if lamp.source.angular_radius < WIDE {
+        4
+    } else {
+        8
+    }
+}
+
+/// The number of fine steps in a reciprocal.
+fn number(inverse: f32) -> u32 {
+    (inverse / FINE).round() as u32
+}
+
+fn losses_at(looked: &[(f32, Losses)], wanted: f32) -> &[f32] {
+    let found = looked.iter().find(|(inverse, _)| *inverse == wanted);
+    found.map_or(&[][..], |(_, losses)| losses.as_slice())
+}
+
+/// Student's t by which the best reciprocal is better than an infinite distance.
+fn better_than_far(looked: &[(f32, Losses)]) -> f32 {
+    let least = losses_at(looked, best(looked, 0.0));
+    improvement(losses_at(looked, 0.0), least)
+}
+
+/// The best reciprocal, with its standard deviation, if it is significantly better than 0; of a
+/// lamp whose reciprocal is `known`, that one unless another is better.
+fn judged(looked: &[(f32, Losses)], known: Option<f32>) -> LampDistance {
+    let mut inverse = best(looked, 0.0);
+    let losses = |wanted: f32| losses_at(looked, wanted);
+    if let Some(known) = known {
+        let needed = if inverse == 0.0 { SIGNIFICANT } else { 1.0 };
+        if improvement(losses(known), losses(inverse)) < needed {
+            inverse = known;
+        }
+    }
+    // As far as a reciprocal is less than one standard deviation worse, it may be the right one.
+    let least = losses(inverse);
+    let alike = looked.iter().filter(|(_, l)| improvement(l, least) < 1.0);
+    let sigma = alike.map(|(i, _)| (i - inverse).abs()).fold(FINE, f32::max);
+    let is_near = improvement(losses(0.0), least) > SIGNIFICANT && inverse > 2.0 * sigma;
+    LampDistance {
+        inverse: match known {
+            Some(known) if known == inverse => known,
+            None if !is_near => 0.0,
+            _ => between_steps(looked, inverse),
+        },
+        sigma,
+    }
+}
+
+/// The minimum of the parabola through the losses of the best reciprocal and its neighbours.
+fn between_steps(looked: &[(f32, Losses)], best: f32) -> f32 {
+    let total = |wanted: f32| {
+        let found = looked.iter().find(|(i, _)| (i - wanted).abs() < 0.01)?;
+        Some(found.1.iter().sum::<f32>())
+    };
+    let (before, after) = (total(best - FINE), total(best + FINE));
+    let (Some(before), Some(least), Some(after)) = (before, total(best), after) else {
+        return best;
+    };
+    let curvature = before + after - 2.0 * least;
+    let shift = if curvature > 0.0 {
+        0.5 * (before - after) / curvature
+    } else {
+        0.0
+    };
+    best + FINE * shift.clamp(-0.5, 0.5)
+}
