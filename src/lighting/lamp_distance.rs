@@ -75,8 +75,7 @@ impl SeenLamp {
         match radius {
             r if r < 0.02 => 1,
             r if r < 0.06 => 4,
-            r if r < 0.12 => 8,
-            _ => 16,
+            _ => 8,
         }
     }
 }
@@ -115,6 +114,16 @@ pub struct DistanceSearch<'a> {
     lamps: Vec<SeenLamp>,
     scale: f32,
     faces: Faces,
+    pairs: Vec<Pair>,
+}
+
+/// Two points that are compared.
+struct Pair {
+    points: [u32; 2],
+    /// The part of the picture that they count for.
+    block: u32,
+    /// What the logarithms of their values differ by in the picture: red, green, blue, luminance.
+    seen: [f32; 4],
 }
 
 impl<'a> DistanceSearch<'a> {
@@ -141,7 +150,9 @@ impl<'a> DistanceSearch<'a> {
             lamps: lamps.to_vec(),
             scale: SCALE.1,
             faces: Faces::of(surfaces),
+            pairs: Vec::new(),
         };
+        search.pairs = search.compared();
         let by_lamp = lamps
             .iter()
             .map(|lamp| search.form(lamp, lamp.source.distance.inverse));
@@ -264,15 +275,28 @@ impl<'a> DistanceSearch<'a> {
 
     /// Calls `each` with the block and the difference d of each pair of points that are compared.
     fn compare(&self, channel: usize, log: &[f32], mut each: impl FnMut(usize, f32)) {
-        self.pairs(&OFFSETS, |i, k, p, q| {
-            let seen = p.log_values[channel] - q.log_values[channel];
-            each(self.block(i), seen - (log[i] - log[k]));
+        for pair in &self.pairs {
+            let [i, k] = pair.points.map(|point| point as usize);
+            each(pair.block as usize, pair.seen[channel] - (log[i] - log[k]));
+        }
+    }
+
+    /// The pairs of points that are compared.
+    fn compared(&self) -> Vec<Pair> {
+        let mut pairs = Vec::with_capacity(2 * OFFSETS.len() * self.surfaces.points.len());
+        self.every_two(&OFFSETS, |i, k, p, q| {
+            pairs.push(Pair {
+                points: [i as u32, k as u32],
+                block: self.block(i) as u32,
+                seen: std::array::from_fn(|c| p.log_values[c] - q.log_values[c]),
+            });
         });
+        pairs
     }
 
     /// Calls `each` with the numbers of every two points of one surface, these distances apart in the
     /// grid, and the points.
-    fn pairs(
+    fn every_two(
         &self,
         offsets: &[usize],
         mut each: impl FnMut(usize, usize, &SurfacePoint, &SurfacePoint),

@@ -35,7 +35,7 @@ impl DistanceSearch<'_> {
         let log = self.log_irradiance(LUMINANCE_OF, None);
         // Number of pairs and sum of their differences.
         let mut blocks: BTreeMap<(u32, usize), (u32, f32)> = BTreeMap::new();
-        self.pairs(&OFFSET, |i, k, p, q| {
+        self.every_two(&OFFSET, |i, k, p, q| {
             let predicted = log[i] - log[k];
             if predicted.abs() > CONTRAST {
                 let seen = p.log_values[LUMINANCE_OF] - q.log_values[LUMINANCE_OF];

@@ -290,13 +290,13 @@ impl LampPlaces {
         (lamps, observer): (&[CompactSource], DVec3),
     ) -> bool {
         let is_late = self.is_late();
-        let mut far = Vec::new();
+        let (mut new, mut far) = (Vec::new(), Vec::new());
         for (k, lamp) in lamps.iter().enumerate().take(LAMPS) {
             if self.is_stated(lamp, observer) {
                 continue;
             }
             let Some(known) = self.known(lamp.id).copied() else {
-                far.push(k);
+                new.push(k);
                 continue;
             };
             if known.distance.inverse == 0.0 {
@@ -310,8 +310,11 @@ impl LampPlaces {
                 self.note(lamp, now, known.factor);
             }
         }
-        let found = search.find_together(&far);
-        for k in far {
+        // One of those that seemed to be far before, in turn.
+        let turn = self.looks as usize % far.len().max(1);
+        new.extend(far.get(turn));
+        let found = search.find_together(&new);
+        for k in new {
             let distance = found.iter().find(|(lamp, _)| *lamp == k);
             let distance = distance.map_or(LampDistance::FAR, |(_, distance)| *distance);
             let factor = self.known(lamps[k].id).map_or(Vec3::ONE, |k| k.factor);
