@@ -11,6 +11,10 @@ const SAME_NORMAL: f32 = 0.97;
 const SAME_SHARE: f32 = 0.2;
 /// ... and of the light, as a share of the brighter.
 const SAME_LIGHT: f32 = 0.25;
+/// Points of a lattice, each way, over which a soft one is averaged: half of [`PERIOD`].
+const REACH: isize = 2;
+/// Points of a lattice, each way, after which the rays of soft ones are the same again.
+pub const PERIOD: usize = 4;
 /// Difference of light that is dark beside everything, in units of the camera's white.
 const DARK: f32 = 0.004;
 
@@ -31,6 +35,44 @@ pub struct Nearby {
     pub z: f32,
     /// Shading normal of the surface.
     pub normal: Vec3,
+    /// Whether its lobe is wider than what the points around it mirror: each of them has other rays
+    /// of the lobe, and the mean over them counts.
+    pub is_soft: bool,
+}
+
+/// A weighted mean.
+#[derive(Default)]
+struct Mean {
+    light: Vec3,
+    open: f32,
+    seen: f32,
+    place: Vec3,
+    z: f32,
+    weight: f32,
+}
+
+impl Mean {
+    fn add(&mut self, point: &Nearby, weight: f32) {
+        self.light += point.light * weight;
+        self.open += point.open * weight;
+        self.seen += point.seen * weight;
+        // A mean over what is seen.
+        self.place += point.place * (point.seen * weight);
+        self.z += point.z * weight;
+        self.weight += weight;
+    }
+
+    fn of(self) -> Nearby {
+        let scale = self.weight.max(1e-6).recip();
+        Nearby {
+            light: self.light * scale,
+            open: self.open * scale,
+            seen: self.seen * scale,
+            place: self.place / self.seen.max(1e-6),
+            z: self.z * scale,
+            ..Nearby::NOTHING
+        }
+    }
 }
 
 /// What lies between four points of a lattice.
@@ -54,6 +96,7 @@ impl Nearby {
         place: Vec3::ZERO,
         z: 0.0,
         normal: Vec3::ZERO,
+        is_soft: false,
     };
 
     /// What is between four points of a lattice, by their weights.
@@ -68,23 +111,49 @@ impl Nearby {
         if !corners.iter().all(|c| first.is_on_surface_of(c)) {
             return Between::Curve;
         }
-        if !corners.iter().all(|c| first.mirrors_the_same(c)) {
+        let is_soft = corners.iter().all(|c| c.is_soft);
+        if !is_soft && !corners.iter().all(|c| first.mirrors_the_same(c)) {
             return Between::Reflections;
         }
-        let mut sum = Self {
-            open: 0.0,
-            normal: first.normal,
-            ..Self::NOTHING
-        };
-        for (corner, weight) in corners.iter().zip(weights) {
-            sum.light += corner.light * weight;
-            sum.open += corner.open * weight;
-            sum.seen += corner.seen * weight;
-            sum.place += corner.place * corner.seen * weight;
-            sum.z += corner.z * weight;
+        let mut mean = Mean::default();
+        for (corner, weight) in corners.into_iter().zip(weights) {
+            mean.add(corner, weight);
         }
-        sum.place /= sum.seen.max(1e-6);
-        Between::Known(sum)
+        let normal = first.normal;
+        Between::Known(Self {
+            normal,
+            ..mean.of()
+        })
+    }
+
+    /// The mean of a soft point and of those around it on its surface: the points of a lattice, `across`
+    /// in a row, number `own` of which it is.
+    pub fn softened(lattice: &[Self], across: usize, own: usize) -> Self {
+        let point = &lattice[own];
+        let (x, y) = ((own % across) as isize, (own / across) as isize);
+        let mut mean = Mean::default();
+        for dy in -REACH..=REACH {
+            for dx in -REACH..=REACH {
+                let (u, v) = (x + dx, y + dy);
+                if u < 0 || u >= across as isize || v < 0 {
+                    continue;
+                }
+                let Some(other) = lattice.get(v as usize * across + u as usize) else {
+                    continue;
+                };
+                if other.is_soft && point.is_on_surface_of(other) {
+                    // Each set of rays counts once: those at both ends are the same.
+                    let half = |d: isize| if d.abs() == REACH { 0.5 } else { 1.0 };
+                    mean.add(other, half(dx) * half(dy));
+                }
+            }
+        }
+        Self {
+            z: point.z,
+            normal: point.normal,
+            is_soft: true,
+            ..mean.of()
+        }
     }
 
     /// Whether it is what a real mirror shows.
@@ -108,5 +177,55 @@ impl Nearby {
             .max((self.seen - other.seen).abs());
         shares < SAME_SHARE
             && (self.light - other.light).abs().max_element() < SAME_LIGHT * brightest + DARK
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const ACROSS: usize = 9;
+
+    fn point(seen: f32, z: f32) -> Nearby {
+        Nearby {
+            seen,
+            open: 1.0 - seen,
+            place: Vec3::new(seen, 0.5, 1.0),
+            z,
+            normal: Vec3::Z,
+            is_soft: true,
+            ..Nearby::NOTHING
+        }
+    }
+
+    #[test]
+    fn every_set_of_rays_counts_alike_in_a_soft_point() {
+        // Each set of a square of four points sees something else; any such square has the same mean.
+        let set = |i: usize| i % ACROSS % PERIOD + i / ACROSS % PERIOD * PERIOD;
+        let lattice: Vec<Nearby> = (0..ACROSS * ACROSS)
+            .map(|i| point(set(i) as f32 / 16.0, 1.0))
+            .collect();
+        for own in [2 * ACROSS + 2, 4 * ACROSS + 3, 5 * ACROSS + 6] {
+            let soft = Nearby::softened(&lattice, ACROSS, own);
+            assert!((soft.seen - 7.5 / 16.0).abs() < 1e-5, "{soft:?}");
+            assert!((soft.open + soft.seen - 1.0).abs() < 1e-5, "{soft:?}");
+        }
+    }
+
+    #[test]
+    fn soft_points_are_averaged_over_their_own_surface_alone() {
+        let mut lattice = vec![point(0.25, 1.0); ACROSS * ACROSS];
+        for row in lattice.chunks_exact_mut(ACROSS) {
+            // Behind it, and beside it without a wide lobe.
+            row[5..].fill(point(0.75, 1.2));
+            row[2] = Nearby {
+                is_soft: false,
+                ..point(0.75, 1.0)
+            };
+        }
+        let own = 4 * ACROSS + 4;
+        let soft = Nearby::softened(&lattice, ACROSS, own);
+        assert!((soft.seen - 0.25).abs() < 1e-6, "{soft:?}");
+        assert!((soft.place.x - 0.25).abs() < 1e-6, "{soft:?}");
     }
 }

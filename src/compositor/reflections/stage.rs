@@ -5,10 +5,10 @@ use super::super::frame_input::FrameInput;
 use super::super::frame_view::FrameView;
 use super::super::textures::{FrameTexture, TILE, format};
 use super::bvh::LANES;
-use super::nearby::{Between, Nearby};
+use super::nearby::{Between, Nearby, PERIOD};
 use super::nearby_scene::NearbyScene;
 use super::radiance::NearbyLight;
-use super::trace::{Tracer, View, slopes};
+use super::trace::{Lobes, Tracer, View, slopes};
 use crate::compiled::Device;
 use glam::{DMat4, Vec2, Vec3};
 use half::f16;
@@ -38,11 +38,12 @@ pub struct ReflectionsStage {
     scene: Option<NearbyScene>,
     /// Pixels from one point of the lattice to the next.
     step: u32,
-    /// Of the rays for a lobe: few, and many.
-    slopes: [Vec<Vec2>; 2],
+    rays: LobeRays,
     picture: FrameTexture,
     /// The points of the lattice in the rectangle of covered tiles.
     lattice: Vec<Nearby>,
+    /// The same with soft points averaged over those around them.
+    softened: Vec<Nearby>,
     /// The pixels of that rectangle.
     texels: Vec<Texel>,
     /// By tile of the picture: whether it is a real mirror's and shows something virtual.
@@ -65,9 +66,10 @@ impl ReflectionsStage {
             device: device.clone(),
             scene: None,
             step,
-            slopes: [if step > 1 { FEW_RAYS } else { RAYS }, RAYS].map(slopes),
+            rays: LobeRays::new(if step > 1 { FEW_RAYS } else { RAYS }),
             picture: picture(device, (1, 1)),
             lattice: Vec::new(),
+            softened: Vec::new(),
             texels: Vec::new(),
             shows: Vec::new(),
         }
@@ -129,7 +131,7 @@ impl ReflectionsStage {
             },
             tiles,
             step: self.step,
-            slopes: &self.slopes,
+            rays: &self.rays,
         };
         let [_, _, across, down] = tiles.rectangle.map(|n| (n * TILE) as usize);
         if across == 0 || down == 0 {
@@ -142,10 +144,15 @@ impl ReflectionsStage {
         threads::for_each(strips.enumerate().collect(), |(number, strip)| {
             work.trace(number, strip);
         });
+        self.softened.resize(points, Nearby::NOTHING);
+        let strips = self.softened.chunks_exact_mut(ROWS * across / step);
+        threads::for_each(strips.enumerate().collect(), |(number, strip)| {
+            soften(&self.lattice, across / step, number, strip);
+        });
         self.texels.resize(across * down, NOTHING);
         let strips = self.texels.chunks_exact_mut(TILE as usize * across);
         threads::for_each(strips.enumerate().collect(), |(number, strip)| {
-            work.fill(&self.lattice, number, strip);
+            work.fill(&self.softened, number, strip);
         });
         self.find_shown(tiles);
         upload(queue, &self.picture, &self.texels, tiles);
@@ -168,14 +175,63 @@ impl ReflectionsStage {
     }
 }
 
+/// Averages the soft points of strip `number` of [`ROWS`] rows over those around them.
+fn soften(lattice: &[Nearby], across: usize, number: usize, softened: &mut [Nearby]) {
+    let first = number * softened.len();
+    for (k, softened) in softened.iter_mut().enumerate() {
+        let own = &lattice[first + k];
+        *softened = if own.is_soft {
+            Nearby::softened(lattice, across, first + k)
+        } else {
+            *own
+        };
+    }
+}
+
+/// The rays for a lobe: the slopes of their half vectors, in units of its width.
+struct LobeRays {
+    /// At points of the lattice, and at outlines.
+    few: Vec<Vec2>,
+    /// At a pixel that mirrors several things.
+    many: Vec<Vec2>,
+    /// At soft points of the lattice, by their place in a square of [`PERIOD`] points (interleaved sampling,
+    /// Keller and Heidrich 2001): together, they divide the lobe evenly.
+    soft: Vec<Vec<Vec2>>,
+}
+
+impl LobeRays {
+    fn new(few: usize) -> Self {
+        let sets = PERIOD * PERIOD;
+        let all = slopes(few * sets);
+        let set = |first: usize| all.iter().skip(first).step_by(sets).copied().collect();
+        Self {
+            few: slopes(few),
+            many: slopes(RAYS),
+            soft: (0..sets).map(set).collect(),
+        }
+    }
+
+    /// Those of the points of a packet, the first of which lies in row `y` of the lattice.
+    fn of_packet(&self, y: usize) -> Lobes<'_> {
+        // Packets begin at every fourth point of a row.
+        let set = |lane: usize| {
+            let row = (y + lane / PACKET[0]) % PERIOD;
+            self.soft[row * PERIOD + lane % PACKET[0]].as_slice()
+        };
+        Lobes {
+            fixed: &self.few,
+            soft: Some(std::array::from_fn(set)),
+        }
+    }
+}
+
 /// The points of the picture at which rays are traced: those of the lattice, and the pixels between
 /// points that differ.
 struct Work<'a> {
     tracer: Tracer<'a>,
     tiles: ReflectionTiles<'a>,
     step: u32,
-    /// See [`ReflectionsStage::slopes`].
-    slopes: &'a [Vec<Vec2>; 2],
+    rays: &'a LobeRays,
 }
 
 impl Work<'_> {
@@ -198,9 +254,10 @@ impl Work<'_> {
                     let at = Vec2::new((left * side + x) as f32, (top * side + row + y) as f32);
                     (at + 0.5) * self.step as f32 - 0.5
                 });
+                let lobes = self.rays.of_packet(row + y);
                 let found = match self.step {
-                    1 => self.tracer.trace_smoothly(&self.slopes[1], pixels),
-                    _ => self.tracer.trace(&self.slopes[0], pixels),
+                    1 => self.tracer.trace_smoothly(lobes, pixels),
+                    _ => self.tracer.trace(lobes, pixels),
                 };
                 for (lane, found) in found.into_iter().enumerate() {
                     let (x, y) = place(lane);
@@ -217,7 +274,7 @@ impl Work<'_> {
         let [left, top, ..] = self.tiles.rectangle.map(|n| n as usize);
         let covered = &self.tiles.covered[(top + number) * self.tiles.across as usize + left..];
         texels.fill(NOTHING);
-        let [few, many] = &self.slopes;
+        let LobeRays { few, many, .. } = self.rays;
         let kinds = [(few, true), (few, false), (many, false)];
         let mut waiting = kinds.map(|(slopes, is_outline)| Waiting::new(slopes, is_outline));
         for x in (0..across).filter(|x| covered[x / side] != 0) {
@@ -275,10 +332,14 @@ impl Work<'_> {
         }
         let last = waiting.pixels[count - 1];
         waiting.pixels[count..].fill(last);
+        let lobes = Lobes {
+            fixed: waiting.slopes,
+            soft: None,
+        };
         let found = if waiting.is_outline {
-            self.tracer.trace_outlines(waiting.slopes, waiting.pixels)
+            self.tracer.trace_outlines(lobes, waiting.pixels)
         } else {
-            self.tracer.trace_smoothly(waiting.slopes, waiting.pixels)
+            self.tracer.trace_smoothly(lobes, waiting.pixels)
         };
         for (found, texel) in found.iter().zip(&waiting.texels[..count]) {
             texels[*texel] = packed(found);
@@ -421,6 +482,18 @@ fn picture(device: &Device, size: (u32, u32)) -> FrameTexture {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn soft_points_divide_a_lobe_between_them() {
+        let rays = LobeRays::new(FEW_RAYS);
+        let packets = [0, PACKET[1]].map(|row| rays.of_packet(row).soft.expect("soft"));
+        let mut together: Vec<Vec2> = packets.concat().concat();
+        let mut lobe = slopes(FEW_RAYS * PERIOD * PERIOD);
+        for all in [&mut together, &mut lobe] {
+            all.sort_by(|a, b| a.length().total_cmp(&b.length()));
+        }
+        assert_eq!(together, lobe);
+    }
 
     /// Twin of WGSL `light_of`.
     fn light_of(bits: u32) -> Vec3 {

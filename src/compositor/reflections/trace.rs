@@ -28,6 +28,9 @@ use penumbra_numerics::smoothstep;
 
 /// Lobes narrower than this are traced by one ray.
 const MIRROR: f32 = 0.015;
+/// Width of a lobe, in units of the angle between what neighbouring points of the lattice mirror, from
+/// which these are averaged: four of them lie within the lobe.
+const WIDE: f32 = 0.8;
 /// Sine of the least angle between a mirror ray and the triangle from which it starts.
 const LEAST_ELEVATION: f32 = 0.01;
 /// Least cosine of the angle of incidence by which a beam widens.
@@ -109,6 +112,16 @@ pub fn slopes(count: usize) -> Vec<Vec2> {
     (0..count).map(slope).collect()
 }
 
+/// The slopes of half vectors, in units of the lobe's width, of the rays for a lobe at each of the
+/// points that are traced together.
+#[derive(Clone, Copy)]
+pub struct Lobes<'a> {
+    /// At every point.
+    pub fixed: &'a [Vec2],
+    /// At soft points of a lattice, where those around them have others.
+    pub soft: Option<[&'a [Vec2]; LANES]>,
+}
+
 /// A glossy surface that the camera sees.
 struct Mirror<'a> {
     point: Vec3,
@@ -119,6 +132,8 @@ struct Mirror<'a> {
     /// What its ray stands for.
     beam: Beam,
     met: Met<'a>,
+    /// Of its rays.
+    slopes: &'a [Vec2],
     /// Number of its rays.
     rays: f32,
     sum: Nearby,
@@ -191,10 +206,12 @@ struct Second {
     spread: f32,
 }
 
-impl Tracer<'_> {
-    /// What the surfaces behind some pixels mirror. `slopes`: those of half vectors, in units of the
-    /// lobe's width, of the rays for a lobe.
-    pub fn trace(&self, slopes: &[Vec2], pixels: [Vec2; LANES]) -> [Nearby; LANES] {
+impl<'t> Tracer<'t> {
+    /// What the surfaces behind some pixels mirror.
+    pub fn trace<'a>(&'a self, lobes: Lobes<'a>, pixels: [Vec2; LANES]) -> [Nearby; LANES]
+    where
+        't: 'a,
+    {
         let mut packet = Packet::new();
         let directions = pixels.map(|pixel| self.view.through(pixel));
         for (lane, direction) in directions.iter().enumerate() {
@@ -209,9 +226,15 @@ impl Tracer<'_> {
                 angle: self.spacing,
             };
             let cosine = incident.dot(met.shading_normal);
+            let beam = from_eye.reflected(met.distance, &met, cosine);
+            let is_wide = met.surface.width > WIDE * beam.angle && met.surface.phantom.is_none();
+            let soft = lobes
+                .soft
+                .filter(|_| is_wide && met.surface.width >= MIRROR);
             Some(Mirror {
                 point: self.view.eye + directions[lane] * met.distance,
-                beam: from_eye.reflected(met.distance, &met, cosine),
+                beam,
+                slopes: soft.map_or(lobes.fixed, |soft| soft[lane]),
                 incident,
                 across: met.shading_normal.any_orthonormal_pair(),
                 met,
@@ -224,6 +247,7 @@ impl Tracer<'_> {
                         met.distance
                     },
                     normal: met.shading_normal,
+                    is_soft: soft.is_some(),
                     ..Nearby::NOTHING
                 },
             })
@@ -231,21 +255,21 @@ impl Tracer<'_> {
         if mirrors.iter().all(Option::is_none) {
             return [Nearby::NOTHING; LANES];
         }
-        for number in 0..slopes.len() {
-            self.reflect((number, slopes), &mut mirrors);
+        for number in 0..lobes.fixed.len() {
+            self.reflect(number, &mut mirrors);
         }
         mirrors.map(|mirror| mirror.map_or(Nearby::NOTHING, Mirror::mean))
     }
 
     /// The same; real mirrors by the mean over each pixel, because the picture that they show is sharp.
-    pub fn trace_smoothly(&self, slopes: &[Vec2], pixels: [Vec2; LANES]) -> [Nearby; LANES] {
-        let mut found = self.trace(slopes, pixels);
+    pub fn trace_smoothly(&self, lobes: Lobes<'_>, pixels: [Vec2; LANES]) -> [Nearby; LANES] {
+        let mut found = self.trace(lobes, pixels);
         if !found.iter().any(Nearby::is_in_real_mirror) {
             return found;
         }
         let mut count = [1.0; LANES];
         for offset in WITHIN_PIXEL {
-            let more = self.trace(slopes, pixels.map(|pixel| pixel + offset));
+            let more = self.trace(lobes, pixels.map(|pixel| pixel + offset));
             for (lane, more) in more.iter().enumerate() {
                 if found[lane].is_in_real_mirror() && more.is_in_real_mirror() {
                     found[lane].light += more.light;
@@ -263,10 +287,10 @@ impl Tracer<'_> {
 
     /// The same at outlines, by the mean over each pixel: there a surface turns away from the camera
     /// within a pixel and mirrors half of its surroundings, which would be a row of dots.
-    pub fn trace_outlines(&self, slopes: &[Vec2], pixels: [Vec2; LANES]) -> [Nearby; LANES] {
+    pub fn trace_outlines(&self, lobes: Lobes<'_>, pixels: [Vec2; LANES]) -> [Nearby; LANES] {
         let mut found: [OutlineMean; LANES] = std::array::from_fn(|_| OutlineMean::default());
         for offset in WITHIN_PIXEL {
-            let more = self.trace(slopes, pixels.map(|pixel| pixel + offset));
+            let more = self.trace(lobes, pixels.map(|pixel| pixel + offset));
             for (found, more) in found.iter_mut().zip(more) {
                 found.add(more);
             }
@@ -275,14 +299,10 @@ impl Tracer<'_> {
     }
 
     /// Traces ray `number` of each mirror.
-    fn reflect(
-        &self,
-        (number, slopes): (usize, &[Vec2]),
-        mirrors: &mut [Option<Mirror<'_>>; LANES],
-    ) {
+    fn reflect(&self, number: usize, mirrors: &mut [Option<Mirror<'_>>; LANES]) {
         let mut packet = Packet::new();
         for (lane, mirror) in mirrors.iter_mut().enumerate() {
-            let ray = mirror.as_mut().and_then(|m| m.ray(number, slopes));
+            let ray = mirror.as_mut().and_then(|m| m.ray(number));
             if let (Some(mirror), Some(direction)) = (mirror, ray) {
                 mirror.rays += 1.0;
                 let origin = mirror.point + mirror.met.normal * self.scene.lift;
@@ -478,14 +498,14 @@ impl OutlineMean {
 
 impl Mirror<'_> {
     /// Direction of ray `number`; `None` below the surface, where the lobe ends.
-    fn ray(&self, number: usize, slopes: &[Vec2]) -> Option<Vec3> {
+    fn ray(&self, number: usize) -> Option<Vec3> {
         let n = self.met.shading_normal;
         let width = self.met.surface.width;
-        if width < MIRROR || slopes.len() == 1 {
+        if width < MIRROR || self.slopes.len() == 1 {
             let mirrored = self.incident.reflect(n);
             return (number == 0).then(|| lifted(mirrored, self.met.normal));
         }
-        let slope = width * slopes[number];
+        let slope = width * self.slopes[number];
         let (right, up) = self.across;
         let half = (n + right * slope.x + up * slope.y).normalize();
         let direction = self.incident.reflect(half);
@@ -513,6 +533,7 @@ impl Mirror<'_> {
             place,
             z,
             normal,
+            is_soft,
         } = self.sum;
         Nearby {
             light: light * scale * reflectance,
@@ -521,6 +542,7 @@ impl Mirror<'_> {
             place: place / seen.max(1e-6),
             z,
             normal,
+            is_soft,
         }
     }
 }

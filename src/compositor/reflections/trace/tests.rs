@@ -103,13 +103,18 @@ fn mirrored(scene: &Scene, rays: usize, points: &[Vec3]) -> Vec<Nearby> {
         view: View::new(&camera, pose),
         spacing: 0.002,
     };
+    let fixed = slopes(rays);
+    let lobes = Lobes {
+        fixed: &fixed,
+        soft: None,
+    };
     let pixel = |p: &Vec3| {
         let own = pose.inverse().transform_point(p.as_dvec3());
         camera.project(own).expect("in front").as_vec2()
     };
     points
         .iter()
-        .map(|p| tracer.trace(&slopes(rays), [pixel(p); LANES])[LANES - 1])
+        .map(|p| tracer.trace(lobes, [pixel(p); LANES])[LANES - 1])
         .collect()
 }
 
