@@ -21,8 +21,11 @@ const SHOW: [(&str, &str); 14] = [
     ("highlights", "exposure.highlights"),
     ("monitor", "output.monitor"),
 ];
-/// Those of `webcam`, which writes a configuration with a scene of its own.
-const WEBCAM: &[(&str, &str)] = SHOW.split_at(1).1;
+/// Options of `webcam`, and what the configuration has that it writes; the others are those of `run`.
+const WEBCAM: [(&str, &str); 2] = [
+    ("scene", "scene.toml in --folder"),
+    ("environment_source", "sphere-in-scene"),
+];
 const REPLAY: [(&str, &str); 2] = [("speed", "replay.speed"), ("pairing", "replay.pairing")];
 const BAKE: [(&str, &str); 6] = [
     ("planes", "planes.count"),
@@ -51,7 +54,7 @@ pub fn add_to(program: Command) -> Command {
     let program = add(program, "bake", &BAKE);
     let program = add(program, "bench", &BENCH);
     let program = add(program, "doctor", &DOCTOR);
-    let program = add(program, "webcam", WEBCAM).mut_subcommand("webcam", webcam);
+    let program = program.mut_subcommand("webcam", webcam);
     let program = add(program, "record", &LIVE);
     program.mut_subcommand("calibrate", |calibrate| {
         let names: Vec<String> = (calibrate.get_subcommands())
@@ -64,21 +67,27 @@ pub fn add_to(program: Command) -> Command {
     })
 }
 
-/// States the scene of `webcam`, and hides an option that it has in common with `run` but refuses.
+/// Adds the defaults of `webcam`, and hides an option that it has in common with `run` but refuses.
 fn webcam(command: Command) -> Command {
-    let scene = |arg: Arg| {
-        let help = arg.get_help().map(ToString::to_string).unwrap_or_default();
-        arg.help(format!("{help} [default: scene.toml in --folder]"))
-    };
-    let command = command.mut_arg("scene", scene);
+    let command = command.mut_args(|arg| {
+        let own = WEBCAM.iter().find(|(option, _)| arg.get_id() == option);
+        match own {
+            Some((_, default)) => stating(arg, default),
+            None => with_default(arg, &SHOW),
+        }
+    });
     command.mut_arg("config", |arg| arg.hide(true))
 }
 
 fn with_default(arg: Arg, options: &[(&str, &str)]) -> Arg {
     let setting = options.iter().find(|(option, _)| arg.get_id() == option);
-    let Some(default) = setting.and_then(|(_, setting)| default_value(setting)) else {
-        return arg;
-    };
+    match setting.and_then(|(_, setting)| default_value(setting)) {
+        Some(default) => stating(arg, &default),
+        None => arg,
+    }
+}
+
+fn stating(arg: Arg, default: &str) -> Arg {
     let help = arg.get_help().map(ToString::to_string).unwrap_or_default();
     arg.help(format!("{help} [default: {default}]"))
 }
@@ -93,7 +102,7 @@ mod tests {
         program.build();
         let lists: [(&[&str], &[(&str, &str)]); 10] = [
             (&["run"], &SHOW),
-            (&["webcam"], WEBCAM),
+            (&["webcam"], &SHOW[5..]),
             (&["replay"], &SHOW),
             (&["replay"], &REPLAY),
             (&["bake"], &BAKE),
@@ -121,9 +130,12 @@ mod tests {
             }
         }
         let webcam = program.find_subcommand("webcam").unwrap();
-        let help = webcam.clone().render_long_help().to_string();
-        assert!(help.contains("[default: scene.toml in --folder]"));
-        assert!(!help.contains("--config"), "it is refused");
+        let arg = |name: &str| webcam.get_arguments().find(|a| a.get_id() == name).unwrap();
+        for (option, default) in WEBCAM {
+            let help = arg(option).get_help().unwrap().to_string();
+            assert!(help.ends_with(&format!("[default: {default}]")), "{help}");
+        }
+        assert!(arg("config").is_hide_set(), "it is refused");
         assert_eq!(
             default_value("environment.light_count").as_deref(),
             Some("64")
