@@ -98,9 +98,10 @@ mod tests {
 
     #[test]
     fn every_option_of_the_lists_shows_the_default_of_its_setting() {
+        type Options = &'static [(&'static str, &'static str)];
         let mut program = crate::cli::command();
         program.build();
-        let lists: [(&[&str], &[(&str, &str)]); 10] = [
+        let lists: [(&[&str], Options); 10] = [
             (&["run"], &SHOW),
             (&["webcam"], &SHOW[5..]),
             (&["replay"], &SHOW),
