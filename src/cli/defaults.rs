@@ -21,6 +21,11 @@ const SHOW: [(&str, &str); 14] = [
     ("highlights", "exposure.highlights"),
     ("monitor", "output.monitor"),
 ];
+/// Options of `webcam`, and what the configuration has that it writes; the others are those of `run`.
+const WEBCAM: [(&str, &str); 2] = [
+    ("scene", "scene.toml in --folder"),
+    ("environment_source", "sphere-in-scene"),
+];
 const REPLAY: [(&str, &str); 2] = [("speed", "replay.speed"), ("pairing", "replay.pairing")];
 const BAKE: [(&str, &str); 6] = [
     ("planes", "planes.count"),
@@ -31,7 +36,9 @@ const BAKE: [(&str, &str); 6] = [
     ("adapter", "gpu.adapter"),
 ];
 const BENCH: [(&str, &str); 1] = [("adapter", "gpu.adapter")];
-const RECORD: [(&str, &str); 1] = [("listen", "status.listen")];
+const DOCTOR: [(&str, &str); 2] = [("listen", "status.listen"), ("adapter", "gpu.adapter")];
+/// Of `record`, and of the steps of `calibrate` that can run live.
+const LIVE: [(&str, &str); 1] = [("listen", "status.listen")];
 
 /// Adds the defaults to the help of the commands.
 pub fn add_to(program: Command) -> Command {
@@ -46,14 +53,41 @@ pub fn add_to(program: Command) -> Command {
     let program = add(program, "replay", &REPLAY);
     let program = add(program, "bake", &BAKE);
     let program = add(program, "bench", &BENCH);
-    add(program, "record", &RECORD)
+    let program = add(program, "doctor", &DOCTOR);
+    let program = program.mut_subcommand("webcam", webcam);
+    let program = add(program, "record", &LIVE);
+    program.mut_subcommand("calibrate", |calibrate| {
+        let names: Vec<String> = (calibrate.get_subcommands())
+            .map(|step| step.get_name().to_owned())
+            .collect();
+        let live = |step: Command| step.mut_args(|arg| with_default(arg, &LIVE));
+        (names.iter()).fold(calibrate, |calibrate, name| {
+            calibrate.mut_subcommand(name, live)
+        })
+    })
+}
+
+/// Adds the defaults of `webcam`, and hides an option that it has in common with `run` but refuses.
+fn webcam(command: Command) -> Command {
+    let command = command.mut_args(|arg| {
+        let own = WEBCAM.iter().find(|(option, _)| arg.get_id() == option);
+        match own {
+            Some((_, default)) => stating(arg, default),
+            None => with_default(arg, &SHOW),
+        }
+    });
+    command.mut_arg("config", |arg| arg.hide(true))
 }
 
 fn with_default(arg: Arg, options: &[(&str, &str)]) -> Arg {
     let setting = options.iter().find(|(option, _)| arg.get_id() == option);
-    let Some(default) = setting.and_then(|(_, setting)| default_value(setting)) else {
-        return arg;
-    };
+    match setting.and_then(|(_, setting)| default_value(setting)) {
+        Some(default) => stating(arg, &default),
+        None => arg,
+    }
+}
+
+fn stating(arg: Arg, default: &str) -> Arg {
     let help = arg.get_help().map(ToString::to_string).unwrap_or_default();
     arg.help(format!("{help} [default: {default}]"))
 }
@@ -64,18 +98,25 @@ mod tests {
 
     #[test]
     fn every_option_of_the_lists_shows_the_default_of_its_setting() {
+        type Options = &'static [(&'static str, &'static str)];
         let mut program = crate::cli::command();
         program.build();
-        let lists: [(&str, &[(&str, &str)]); 6] = [
-            ("run", &SHOW),
-            ("replay", &SHOW),
-            ("replay", &REPLAY),
-            ("bake", &BAKE),
-            ("bench", &BENCH),
-            ("record", &RECORD),
+        let lists: [(&[&str], Options); 10] = [
+            (&["run"], &SHOW),
+            (&["webcam"], &SHOW[5..]),
+            (&["replay"], &SHOW),
+            (&["replay"], &REPLAY),
+            (&["bake"], &BAKE),
+            (&["bench"], &BENCH),
+            (&["doctor"], &DOCTOR),
+            (&["record"], &LIVE),
+            (&["calibrate", "verify"], &LIVE),
+            (&["calibrate", "intrinsics"], &LIVE),
         ];
-        for (name, options) in lists {
-            let command = program.find_subcommand(name).unwrap();
+        for (names, options) in lists {
+            let command = (names.iter()).fold(&program, |command, name| {
+                command.find_subcommand(name).unwrap()
+            });
             for (option, setting) in options {
                 let arg = command.get_arguments().find(|a| a.get_id() == option);
                 let help = arg.unwrap().get_help().unwrap().to_string();
@@ -85,10 +126,17 @@ mod tests {
                 assert_eq!(
                     shown.map(str::to_owned),
                     default_value(setting),
-                    "{name} {option}"
+                    "{names:?} {option}"
                 );
             }
         }
+        let webcam = program.find_subcommand("webcam").unwrap();
+        let arg = |name: &str| webcam.get_arguments().find(|a| a.get_id() == name).unwrap();
+        for (option, default) in WEBCAM {
+            let help = arg(option).get_help().unwrap().to_string();
+            assert!(help.ends_with(&format!("[default: {default}]")), "{help}");
+        }
+        assert!(arg("config").is_hide_set(), "it is refused");
         assert_eq!(
             default_value("environment.light_count").as_deref(),
             Some("64")

@@ -56,7 +56,6 @@ pub fn run(args: &LightArgs) -> anyhow::Result<ExitCode> {
     }
     let progress = Progress::new("light");
     let report = report(args, &progress)?;
-    progress.set(0.9);
     report.write(&args.out)?;
     progress.finish();
     if args.json {
@@ -72,12 +71,11 @@ pub fn run(args: &LightArgs) -> anyhow::Result<ExitCode> {
 
 fn report(args: &LightArgs, progress: &Progress) -> anyhow::Result<LightReport> {
     if !is_mcap(&args.source) {
-        progress.set(0.05);
-        let calibration = args.calibration.as_deref();
         return Ok(LightReport::from_photograph(
             &args.source,
             args.kind,
-            calibration,
+            args.calibration.as_deref(),
+            |share| progress.set(share),
         )?);
     }
     if args.kind.is_some() || args.calibration.is_some() {

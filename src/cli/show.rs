@@ -4,8 +4,8 @@ use super::files::JsonFile;
 use clap::Args;
 use penumbra_compositor::Gpu;
 use penumbra_config::{
-    Config, ExposureChoice, LIGHT_COUNTS, LampResponse, LightPlacement, Monitor, Quality,
-    ShadowMode, Technique,
+    Config, ExposureChoice, LIGHT_COUNTS, LampResponse, LightPlacement, Monitor, PoseSource,
+    Quality, ShadowMode, Technique,
 };
 use penumbra_lighting::Filtering;
 use penumbra_output::window;
@@ -241,10 +241,9 @@ pub fn describe(report: &Report) -> String {
         0 => String::new(),
         lost => format!("{lost} lost in damaged parts of the file, "),
     };
-    let reason = match (frames.without_pose, report.inputs.poses) {
-        (0, _) => "",
-        (_, 0) => " (the tracker sent no readings)",
-        _ => " (no reading of the tracker at their time)",
+    let reason = match frames.without_pose {
+        0 => "",
+        _ => why_without_pose(report.pose, report.inputs.poses),
     };
     format!(
         "{} frames composed, {} skipped, {} damaged, {lost}{} without pose{reason}; {:.1} s on {}",
@@ -255,4 +254,29 @@ pub fn describe(report: &Report) -> String {
         report.wall_seconds,
         report.adapter
     )
+}
+
+/// Returns why pictures have no pose; `readings` of the tracker arrived.
+const fn why_without_pose(source: PoseSource, readings: u64) -> &'static str {
+    match (source, readings) {
+        (PoseSource::Markers, _) => " (no marker was recognised in them)",
+        (PoseSource::Hybrid, 0) => {
+            " (no marker was recognised in them, and the tracker sent no readings)"
+        }
+        (_, 0) => " (the tracker sent no readings)",
+        _ => " (no reading of the tracker at their time)",
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn missing_poses_are_put_down_to_what_gives_the_pose() {
+        assert!(!why_without_pose(PoseSource::Markers, 0).contains("tracker"));
+        assert!(why_without_pose(PoseSource::Hybrid, 0).contains("no marker"));
+        assert!(why_without_pose(PoseSource::Tracker, 0).contains("sent no readings"));
+        assert!(why_without_pose(PoseSource::Hybrid, 9).contains("at their time"));
+    }
 }

@@ -13,8 +13,8 @@ use super::settings::{EnvironmentError, EnvironmentInput, EnvironmentSettings};
 use super::sources::{LUMINANCE, SourceSettings};
 use glam::{DVec2, Mat3, Vec3};
 use penumbra_camera::EnvironmentView;
+use penumbra_camera::PinholeCamera;
 use penumbra_camera::PlacedView;
-use penumbra_camera::{PinholeCamera, Response};
 use penumbra_interface::{MonotonicTime, RigidTransform};
 use penumbra_picture::{Picture, write_whole};
 use serde::Serialize;
@@ -87,8 +87,16 @@ pub enum LightReportError {
     },
 }
 
+/// Shares of the time that have passed when a photograph is read, its circle found, the tables made, and the
+/// light estimated; the rest is the report. As measured on photographs of 2 to 16 megapixels.
+const READ: f64 = 0.05;
+const FOUND: f64 = 0.15;
+const TABLES: f64 = 0.85;
+const ESTIMATE: f64 = 0.9;
+
 impl LightReport {
-    /// Estimates the light of a single photograph (`penumbra light IMAGE`).
+    /// Estimates the light of a single photograph (`penumbra light IMAGE`). Calls `progress` with the share of
+    /// the time that has passed, 0 to 1, after each stage that takes long.
     ///
     /// # Errors
     /// A file cannot be read, the calibration is invalid, or no circle is found.
@@ -96,13 +104,16 @@ impl LightReport {
         image: &Path,
         kind: Option<PhotographKind>,
         calibration: Option<&Path>,
+        progress: impl Fn(f64),
     ) -> Result<Self, LightReportError> {
         let mut calibration = match calibration {
             Some(path) => PhotographCalibration::read(path)?,
             None => PhotographCalibration::default(),
         };
         calibration.kind = kind.or(calibration.kind);
-        Self::from_picture(&read_picture(image)?, &calibration)
+        let picture = read_picture(image)?;
+        progress(READ);
+        Self::from_picture(&picture, &calibration, progress)
     }
 
     /// The same with the picture in memory.
@@ -112,13 +123,20 @@ impl LightReport {
     pub fn from_picture(
         picture: &Picture,
         calibration: &PhotographCalibration,
+        progress: impl Fn(f64),
     ) -> Result<Self, LightReportError> {
         let found = calibration.circle(picture)?;
+        progress(FOUND);
         let view = calibration.view(picture, &found)?;
         let settings = photograph_settings(calibration);
         let brackets = [Bracket { picture, ev: 0.0 }];
         let input = EnvironmentInput::new(&brackets, MonotonicTime::default());
-        let report = Self::from_instant(&view, &calibration.response(), settings, &input)?;
+        let mut estimator =
+            EnvironmentEstimator::new(&view, &calibration.response(), settings, None)?;
+        progress(TABLES);
+        let lighting = estimator.update(&input)?;
+        let report = Self::from_estimator(&estimator, lighting, &view, input.scene, input.gains)?;
+        progress(ESTIMATE);
         let mut drawn = picture.clone();
         let around = (0..=RIM_POINTS).map(|k| {
             let turn = std::f64::consts::TAU * f64::from(k) / f64::from(RIM_POINTS);
@@ -130,21 +148,6 @@ impl LightReport {
             photograph: Some((found, drawn)),
             ..report
         })
-    }
-
-    /// The same for one instant of a session.
-    ///
-    /// # Errors
-    /// The pictures do not have the view's size, or a pose is missing.
-    pub fn from_instant(
-        view: &EnvironmentView,
-        response: &Response,
-        settings: EnvironmentSettings,
-        input: &EnvironmentInput,
-    ) -> Result<Self, LightReportError> {
-        let mut estimator = EnvironmentEstimator::new(view, response, settings, None)?;
-        let lighting = estimator.update(input)?;
-        Self::from_estimator(&estimator, lighting, view, input.scene, input.gains)
     }
 
     /// Reports the state of an estimator of `view` after its last update, which returned `lighting`

@@ -8,7 +8,7 @@ use crate::calibration_runner::files::calibration_folder;
 use crate::error::RigError;
 use crate::setup::RigSetup;
 use crate::source::Source;
-use crate::viewed::RefinedLens;
+use crate::viewed::{FoundLens, RefinedLens};
 use crate::wall_date::iso_now;
 use crossbeam_channel::{Receiver, Sender, bounded};
 use glam::DVec2;
@@ -306,39 +306,41 @@ impl Worker {
         found.status.reprojection_px = Some(assessed.estimate.rms);
         found.status.focal_sigma_percent =
             Some(100.0 * assessed.estimate.sigma[0] / camera.focal.x);
-        self.recorded.set(camera.clone());
-        found.camera = Some(camera);
+        found.camera = Some(camera.clone());
         drop(found);
-        self.keep(&outcome);
+        if let Some(file) = calibration_file(&outcome) {
+            self.keep(&file);
+            self.recorded.set(FoundLens { camera, file });
+        }
     }
 
     /// Writes the lens beside the rig's calibration.
-    fn keep(&mut self, outcome: &Outcome) {
-        let Some(path) = self.file.clone() else {
-            return;
-        };
-        let record = outcome.record("scene", "markers of the rig", iso_now());
-        let written = record.map(|record| {
-            let record = LensRecord {
-                source: REFINED_SOURCE.to_owned(),
-                ..record
-            };
-            write(&path, &record)
-        });
-        if let Some(Err(error)) = written {
+    fn keep(&mut self, file: &str) {
+        if let Some(path) = &self.file
+            && let Err(error) = write(path, file)
+        {
             tracing::warn!("{}: the lens cannot be kept ({error})", path.display());
             self.file = None;
         }
     }
 }
 
-fn write(path: &Path, record: &LensRecord) -> std::io::Result<()> {
+/// Returns the lens's calibration file.
+fn calibration_file(outcome: &Outcome) -> Option<String> {
+    let record = outcome.record("scene", "markers of the rig", iso_now())?;
+    let record = LensRecord {
+        source: REFINED_SOURCE.to_owned(),
+        ..record
+    };
+    let text = serde_json::to_string_pretty(&record).ok()?;
+    Some(text + "\n")
+}
+
+fn write(path: &Path, text: &str) -> std::io::Result<()> {
     if let Some(folder) = path.parent() {
         std::fs::create_dir_all(folder)?;
     }
-    let mut text = serde_json::to_string_pretty(record)?;
-    text.push('\n');
-    write_whole(path, |part| std::fs::write(part, &text))
+    write_whole(path, |part| std::fs::write(part, text))
 }
 
 /// Returns a hint for a printed board in the words of a sheet that lies on a table.

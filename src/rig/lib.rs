@@ -92,4 +92,4 @@ pub use runner::Runner;
 pub use settings::live_settings;
 pub use setup::RigSetup;
 pub use source::{Live, RecordingContents, RigFiles, Source};
-pub use viewed::RefinedLens;
+pub use viewed::{FoundLens, RefinedLens};

@@ -6,9 +6,8 @@ use crate::composites::{CompositeQueue, EncodedComposite};
 use crate::error::RigError;
 use crate::source::RecordingContents;
 use crate::synced_file::{SyncedFile, sync_folder_of};
-use crate::viewed::pinhole;
+use crate::viewed::{FoundLens, pinhole};
 use crate::wall_date::utc_now;
-use penumbra_camera::PinholeCamera;
 use penumbra_capture::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use penumbra_capture::sync::channel::{Receiver, RecvTimeoutError, bounded};
 use penumbra_capture::sync::{JoinHandle, Mutex, limit, threads};
@@ -162,10 +161,11 @@ impl Recorder {
             .then(|| self.contents.composites.start())
             .transpose();
         let composites = composites.map_err(|source| RigError::Thread { source })?;
+        let lens = self.contents.refined_lens.newest();
         Ok(Job {
             writer,
-            views: RigViews::new((*self.contents.viewed).clone()),
-            viewed_lens: None,
+            views: RigViews::new(self.contents.viewed_with(lens.as_deref())),
+            lens,
             queue,
             composites,
             queued_bytes: Arc::default(),
@@ -261,8 +261,8 @@ enum End {
 struct Job {
     writer: SessionWriter<BufWriter<Box<dyn RecordingFile>>>,
     views: RigViews,
-    /// The refined lens that viewers were told last.
-    viewed_lens: Option<Arc<PinholeCamera>>,
+    /// The refined lens that was written last.
+    lens: Option<Arc<FoundLens>>,
     queue: Receiver<SessionEvent>,
     composites: Option<CompositeQueue>,
     queued_bytes: Arc<AtomicU64>,
@@ -298,7 +298,7 @@ impl Job {
     }
 
     fn record(&mut self) -> Result<End, SessionError> {
-        for file in self.contents.files.all() {
+        for file in self.contents.files_with(self.lens.as_deref()) {
             self.writer.attach(&file.name, &file.data)?;
         }
         sync_folder_of(&self.path);
@@ -378,12 +378,12 @@ impl Job {
     fn write_views(&mut self, event: &SessionEvent) -> Result<(), SessionError> {
         self.views.event(&mut self.writer, event)?;
         let newest = self.contents.refined_lens.newest();
-        let same = |a: &Arc<_>| self.viewed_lens.as_ref().is_some_and(|b| Arc::ptr_eq(a, b));
+        let same = |a: &Arc<_>| self.lens.as_ref().is_some_and(|b| Arc::ptr_eq(a, b));
         let Some(lens) = newest.filter(|lens| !same(lens)) else {
             return Ok(());
         };
-        let viewed = pinhole(Camera::Scene, &lens);
-        self.viewed_lens = Some(lens);
+        let viewed = pinhole(Camera::Scene, &lens.camera);
+        self.lens = Some(lens);
         self.views
             .lens(&mut self.writer, &viewed, event.arrived_at())
     }

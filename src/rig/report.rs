@@ -2,7 +2,7 @@
 
 use crate::damage::DamagedPart;
 use crate::picture_problems::PictureProblem;
-use penumbra_config::Quality;
+use penumbra_config::{PoseSource, Quality};
 use penumbra_status::StageTimes;
 use penumbra_sync::PairingCounts;
 use penumbra_white_balance::MatchStatus;
@@ -21,6 +21,8 @@ pub struct Report {
     pub adapter: String,
     /// Quality of the pictures.
     pub quality: Quality,
+    /// Source of the scene camera's pose.
+    pub pose: PoseSource,
     /// Picture width and height, pixels.
     pub resolution: [u32; 2],
     /// Frame counts.

@@ -684,6 +684,7 @@ impl Run {
             truncated: matches!(&context.source, Source::Recorded(s) if s.truncated()),
             adapter: self.compositor.gpu().name.clone(),
             quality: context.config.picture.quality,
+            pose: context.setup.pose,
             resolution: [width, height],
             frames: self.frames,
             inputs: self.inputs,

@@ -15,7 +15,7 @@ use penumbra_camera::EnvironmentView;
 use penumbra_compositor::Gpu;
 use penumbra_compositor::exposure::ActiveExposure;
 use penumbra_config::{Config, Quality};
-use penumbra_interface::DeviceKind;
+use penumbra_interface::{DeviceKind, MonotonicTime};
 use penumbra_lighting::BrightestLight;
 use penumbra_lighting::adaptive::CompactSource;
 use penumbra_status::planes::PlanesStatus;
@@ -258,6 +258,16 @@ fn exposures(s: &mut Snapshot, agreement: Option<ExposureAgreement>) {
     }
 }
 
+/// Maximum time by which an environment picture follows the scene picture that it lights, seconds.
+const MAX_AHEAD: f64 = 1.0;
+
+/// Returns the age of the light in a picture, seconds; `None` where a recording has begun again, and the
+/// light is still that of its end.
+fn age_of_light(picture: MonotonicTime, light: MonotonicTime) -> Option<f64> {
+    let age = picture.seconds_since(light);
+    (age >= -MAX_AHEAD).then_some(age)
+}
+
 fn lighting(s: &mut Snapshot, p: &Published<'_>) {
     let LightState {
         lighting,
@@ -284,9 +294,9 @@ fn lighting(s: &mut Snapshot, p: &Published<'_>) {
     let Some(lighting) = lighting else { return };
     let is_stated = lighting.captured_at == STATED_AT;
     let captured_at = p.prepared.frame.captured_at;
-    let age = captured_at.seconds_since(lighting.captured_at);
-    s.lighting.age_ms = (!is_stated).then_some(age * 1e3);
-    let stale = age * 1e9 > p.stale_after_nanos as f64;
+    let age = age_of_light(captured_at, lighting.captured_at);
+    s.lighting.age_ms = age.filter(|_| !is_stated).map(|age| age * 1e3);
+    let stale = age.is_some_and(|age| age * 1e9 > p.stale_after_nanos as f64);
     s.lighting.probe = map.map(|map| probe_status::probe(&map, p.prepared.frame.captured_at));
     s.lighting.stale = match &s.lighting.probe {
         Some(probe) => probe_status::stale(probe, p.stale_after_nanos),
@@ -431,5 +441,14 @@ mod tests {
     fn slow_estimates_are_not_blamed_on_the_camera() {
         assert!(stale_reason(false).contains("environment camera delivers no pictures"));
         assert!(!stale_reason(true).contains("camera"));
+    }
+
+    #[test]
+    fn light_from_the_end_of_a_repeated_recording_has_no_age() {
+        let at = |millis: i64| MonotonicTime::from_nanos(millis * 1_000_000);
+        assert_eq!(age_of_light(at(5000), at(4750)), Some(0.25));
+        // The environment camera's exposure may be the later one.
+        assert_eq!(age_of_light(at(5000), at(5250)), Some(-0.25));
+        assert_eq!(age_of_light(at(200), at(9677)), None);
     }
 }

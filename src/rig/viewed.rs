@@ -1,27 +1,64 @@
 //! What a recording of the live rig tells viewers: lenses, frame tree, and the tracker's unit of length.
 
+use crate::source::RecordingContents;
 use glam::DVec2;
 use penumbra_camera::{EnvironmentView, PinholeCamera};
 use penumbra_config::{TrackerSource, TrackerUnits};
 use penumbra_interface::RigidTransform;
+use penumbra_rig_model::lens_files::SCENE_LENS;
 use penumbra_rig_model::{EnvironmentCamera, RigCalibration, TrackerCalibration};
-use penumbra_session::{Camera, Distortion, ViewedLens, ViewedRig, sensor_frame};
+use penumbra_session::{Attachment, Camera, Distortion, ViewedLens, ViewedRig, sensor_frame};
 use std::sync::{Arc, Mutex, PoisonError};
 
 /// The newest lens of the scene camera that was found while the rig runs.
 #[derive(Debug, Default)]
-pub struct RefinedLens(Mutex<Option<Arc<PinholeCamera>>>);
+pub struct RefinedLens(Mutex<Option<Arc<FoundLens>>>);
+
+/// A lens of the scene camera that was found while the rig runs.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FoundLens {
+    /// The lens.
+    pub camera: PinholeCamera,
+    /// Its calibration file.
+    pub file: String,
+}
 
 impl RefinedLens {
     /// States a new lens.
-    pub fn set(&self, camera: PinholeCamera) {
-        *self.0.lock().unwrap_or_else(PoisonError::into_inner) = Some(Arc::new(camera));
+    pub fn set(&self, lens: FoundLens) {
+        *self.0.lock().unwrap_or_else(PoisonError::into_inner) = Some(Arc::new(lens));
     }
 
     /// Returns the newest lens; `None` while the calibrated one is in use.
-    pub(crate) fn newest(&self) -> Option<Arc<PinholeCamera>> {
+    pub(crate) fn newest(&self) -> Option<Arc<FoundLens>> {
         let newest = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         newest.clone()
+    }
+}
+
+impl RecordingContents {
+    /// Returns the files of a recording that starts while `lens` is in use.
+    pub(crate) fn files_with(&self, lens: Option<&FoundLens>) -> Vec<Attachment> {
+        let mut files = self.files.all().to_vec();
+        if let Some(lens) = lens {
+            files.retain(|file| file.name != SCENE_LENS);
+            files.push(Attachment {
+                name: SCENE_LENS.to_owned(),
+                media_type: "application/json".to_owned(),
+                data: lens.file.clone().into_bytes().into(),
+            });
+        }
+        files
+    }
+
+    /// Returns what viewers are told by a recording that starts while `lens` is in use.
+    pub(crate) fn viewed_with(&self, lens: Option<&FoundLens>) -> ViewedRig {
+        let mut rig = (*self.viewed).clone();
+        if let Some(lens) = lens {
+            rig.lenses.retain(|lens| lens.camera != Camera::Scene);
+            rig.lenses.push(pinhole(Camera::Scene, &lens.camera));
+        }
+        rig
     }
 }
 

@@ -329,7 +329,7 @@ pub const STATUS_FIELDS: &[(&str, &str)] = &[
     ),
     (
         "lighting.age_ms",
-        "Age of the environment picture relative to the scene picture, ms; null before the first.",
+        "Age of the environment picture relative to the scene picture, ms; null before the first, and while a repeated recording begins in the light of its end.",
     ),
     (
         "lighting.stale",

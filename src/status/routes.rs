@@ -89,10 +89,11 @@ macro_rules! file {
 }
 
 /// Files of the dashboard, which are part of the program.
-const FILES: [(&str, &str); 26] = [
+const FILES: [(&str, &str); 27] = [
     file!("calibrate.css"),
     file!("calibrate.js"),
     file!("charts.js"),
+    file!("columns.js"),
     file!("controls.css"),
     file!("controls.js"),
     file!("dashboard.css"),

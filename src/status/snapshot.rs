@@ -163,7 +163,7 @@ pub struct Program {
 impl Default for Program {
     fn default() -> Self {
         Self {
-            name: env!("CARGO_PKG_NAME"),
+            name: "penumbra",
             version: env!("CARGO_PKG_VERSION"),
             uptime_seconds: 0.0,
             memory: Memory::default(),
@@ -717,6 +717,11 @@ pub struct Warning {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_program_has_the_name_that_users_know() {
+        assert_eq!(Snapshot::default().program.name, "penumbra");
+    }
 
     #[test]
     fn repeated_warnings_are_counted_and_their_number_is_limited() {

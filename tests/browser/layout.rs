@@ -87,6 +87,54 @@ fn every_text_is_large_and_clear_enough_at_every_size_in_both_themes() {
     assert_eq!(browser.complaints(), [""; 0]);
 }
 
+/// The longest reasons that the rig gives stand in the page's narrowest place.
+#[test]
+fn long_reasons_do_not_widen_the_page_on_a_telephone() {
+    let Some(mut browser) = browser("long_reasons_do_not_widen_the_page_on_a_telephone") else {
+        return;
+    };
+    let show = Show::start();
+    let reason =
+        "estimating it takes longer than `stale_after_ms` of [environment] on this machine";
+    browser.resize(390, 844);
+    open(&mut browser, &show);
+    show.shared
+        .update(|s| s.lighting.stale = Some(reason.to_owned()));
+    browser
+        .wait_for("document.getElementById('light-flag').textContent.includes('stale_after_ms')");
+    let wide = browser.evaluate("document.documentElement.scrollWidth");
+    assert_eq!(wide, 390);
+    assert_eq!(browser.complaints(), [""; 0]);
+}
+
+/// Share of the screen below the head of the page that no card covers, of its width between the margins.
+const EMPTY: &str = "(() => {
+  const main = document.querySelector('main').getBoundingClientRect();
+  const all = (innerHeight - main.top) * main.width;
+  const seen = [...document.querySelectorAll('main .card')].map((card) => card.getBoundingClientRect());
+  const covered = seen.map((r) => Math.max(0, Math.min(r.bottom, innerHeight) - r.top) * r.width);
+  return 1 - covered.reduce((a, b) => a + b, 0) / all;
+})()";
+
+#[test]
+fn wide_screens_are_filled() {
+    let Some(mut browser) = browser("wide_screens_are_filled") else {
+        return;
+    };
+    let show = Show::start();
+    browser.resize(3840, 2160);
+    open(&mut browser, &show);
+    std::thread::sleep(Duration::from_secs(1));
+    let empty = browser.evaluate(EMPTY).as_f64().unwrap();
+    assert!(empty < 0.15, "{empty:.2} of the screen is empty");
+    // The cards stand in the document's order again on other screens.
+    browser.resize(1280, 800);
+    browser.wait_for(
+        "document.querySelector('.stage .timing') && document.querySelector('.condition .balance')",
+    );
+    assert_eq!(browser.complaints(), [""; 0]);
+}
+
 #[test]
 fn the_theme_follows_the_system_until_the_viewer_chooses() {
     let Some(mut browser) = browser("the_theme_follows_the_system_until_the_viewer_chooses") else {

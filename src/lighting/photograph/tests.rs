@@ -292,7 +292,7 @@ fn grey_sphere_gives_grey_environment() {
         radius: Some(30.0),
         ..Default::default()
     };
-    let report = LightReport::from_picture(&grey, &calibration).unwrap();
+    let report = LightReport::from_picture(&grey, &calibration, |_| ()).unwrap();
     report.write(folder.path()).unwrap();
     let text = std::fs::read_to_string(folder.path().join("light.json")).unwrap();
     let json: serde_json::Value = serde_json::from_str(&text).unwrap();

@@ -87,7 +87,9 @@ fn lens_of_a_moved_webcam_is_found_and_kept() {
     let focal_error = (camera.focal.x / truth.focal.x - 1.0).abs();
     assert!(focal_error < 0.01, "{focal_error}");
     assert!(camera.centre.distance(truth.centre) < 6.0, "{camera:?}");
-    assert_eq!(recorded.newest().as_deref(), Some(&camera));
+    let newest = recorded.newest().unwrap();
+    assert_eq!(newest.camera, camera);
+    assert_eq!(newest.file, std::fs::read_to_string(&file).unwrap());
     assert!(refiner.take_lens().is_none(), "a lens is handed over once");
     let record = LensRecord::parse(SCENE_LENS, &std::fs::read(&file).unwrap()).unwrap();
     assert_eq!(

@@ -24,7 +24,7 @@ use penumbra_lighting::{
 use penumbra_picture::{Picture, PictureError, YuvEncoding, decode_within};
 use penumbra_rig_model::Attachments;
 use penumbra_rig_model::{EnvironmentSource, RigCalibration};
-use penumbra_scene::{Hit, RayCaster, casters};
+use penumbra_scene::{Hit, RayCaster, Scene, casters};
 use penumbra_sync::EnvironmentSet;
 use penumbra_white_balance::chart::Photograph;
 use penumbra_white_balance::gather::{GatherOptions, Overlap, gather_pairs};
@@ -79,6 +79,23 @@ impl LightEstimator {
     /// # Errors
     /// The geometry of the environment view is invalid, or a chart picture cannot be read.
     pub fn new(setup: &RigSetup, config: &Config, files: &Attachments) -> Result<Self, RigError> {
+        let indirect = IndirectLightUpdater::new(&setup.scene, &casters(&setup.scene));
+        let estimator = Self::without_indirect_light(setup, config, files)?;
+        Ok(Self {
+            indirect,
+            ..estimator
+        })
+    }
+
+    /// As [`Self::new`], without the light that virtual objects reflect, whose tables take longest.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub fn without_indirect_light(
+        setup: &RigSetup,
+        config: &Config,
+        files: &Attachments,
+    ) -> Result<Self, RigError> {
         let rig = setup.calibration.clone();
         let RealLight {
             mut estimator,
@@ -122,7 +139,7 @@ impl LightEstimator {
             generation: None,
             lighting: None,
             average: LightAverage::default(),
-            indirect: IndirectLightUpdater::new(&setup.scene, &casters(&setup.scene)),
+            indirect: IndirectLightUpdater::new(&Scene::default(), &[]),
             seconds: 0.0,
             since_overlap: 0,
             is_stated: config.environment.source == EnvironmentSource::Map,

@@ -1,9 +1,13 @@
 use super::*;
 use crate::composites::Composites;
+use crate::source::RigFiles;
 use crate::wall_date::civil;
 use bytes::Bytes;
+use penumbra_camera::PinholeCamera;
 use penumbra_faulty::FaultyDisk;
 use penumbra_interface::{Frame, PixelFormat};
+use penumbra_rig_model::lens_files::SCENE_LENS;
+use penumbra_rig_model::lens_record::LensRecord;
 use penumbra_session::Session;
 use penumbra_status::Settings;
 use std::time::Instant;
@@ -227,7 +231,7 @@ fn full_disk_ends_the_recording_as_failed() {
         dropped: Arc::default(),
         hub: hub.clone(),
         views: RigViews::new(penumbra_session::ViewedRig::default()),
-        viewed_lens: None,
+        lens: None,
         contents: RecordingContents::default(),
         status: status.clone(),
         stop: Arc::default(),
@@ -425,22 +429,86 @@ fn messages(path: &Path) -> Vec<(String, u64)> {
     messages.collect()
 }
 
-#[test]
-fn viewers_get_poses_and_a_lens_that_changes_while_it_is_recorded() {
-    let folder = tempfile::tempdir().unwrap();
-    let lens = |focal| PinholeCamera {
+fn lens(focal: f64) -> PinholeCamera {
+    PinholeCamera {
         width: 64,
         height: 48,
         focal: glam::DVec2::splat(focal),
         centre: glam::DVec2::new(31.5, 23.5),
         distortion: [0.1, 0.0, 0.0, 0.0, 0.0],
-    };
-    let viewed = penumbra_session::ViewedRig {
+    }
+}
+
+/// A lens that was refined, and its file.
+fn found(camera: PinholeCamera) -> FoundLens {
+    let lens = penumbra_camera::Lens::from(&camera);
+    let record = LensRecord::from_lens(&lens, "scene", String::new());
+    let file = serde_json::to_string(&record).unwrap();
+    FoundLens { camera, file }
+}
+
+/// A rig whose lens was assumed at its start.
+fn viewed() -> Arc<penumbra_session::ViewedRig> {
+    Arc::new(penumbra_session::ViewedRig {
         lenses: vec![pinhole(Camera::Scene, &lens(50.0))],
         ..Default::default()
-    };
+    })
+}
+
+/// Its replay would otherwise use the lens of the rig's start.
+#[test]
+fn recording_holds_the_calibration_of_a_lens_that_was_refined_before_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let old = folder.path().join("rig");
+    std::fs::create_dir_all(old.join("calibration")).unwrap();
+    std::fs::write(old.join("rig.json"), "{}").unwrap();
+    std::fs::write(old.join(SCENE_LENS), found(lens(50.0)).file).unwrap();
     let contents = RecordingContents {
-        viewed: Arc::new(viewed),
+        files: Arc::new(RigFiles::at(&old).unwrap()),
+        viewed: viewed(),
+        ..RecordingContents::default()
+    };
+    let refined = Arc::clone(&contents.refined_lens);
+    let hub = Hub::new(Arc::new(SystemClock), false);
+    let status = SharedStatus::new(Settings::default());
+    let config = RecordingConfig {
+        reserve_bytes: 0,
+        ..RecordingConfig::default()
+    };
+    let recorder = Recorder::new(hub.clone(), contents, config, status);
+    let record = |name: &str| {
+        let path = folder.path().join(name);
+        recorder.start(&path, None, false).unwrap();
+        hub.deliver(frame(1));
+        recorder.stop().unwrap();
+        path
+    };
+    let focal = |path: &Path| {
+        let session = Session::open(path).unwrap();
+        let files = session.attachments().iter();
+        let lenses: Vec<_> = files.filter(|file| file.name == SCENE_LENS).collect();
+        assert_eq!(lenses.len(), 1);
+        assert!(session.attachment("rig.json").is_some());
+        LensRecord::parse(SCENE_LENS, &lenses[0].data)
+            .unwrap()
+            .focal
+    };
+    assert_eq!(focal(&record("a.mcap")), [50.0; 2]);
+    refined.set(found(lens(55.0)));
+    let after = record("b.mcap");
+    assert_eq!(focal(&after), [55.0; 2]);
+    let messages = messages(&after);
+    let told = messages
+        .iter()
+        .filter(|(topic, _)| topic == "/scene_camera/calibration");
+    assert_eq!(told.count(), 1, "viewers are told the newest lens alone");
+}
+
+#[test]
+fn viewers_get_poses_and_a_lens_that_changes_while_it_is_recorded() {
+    let folder = tempfile::tempdir().unwrap();
+    let contents = RecordingContents {
+        viewed: viewed(),
         ..RecordingContents::default()
     };
     let refined = Arc::clone(&contents.refined_lens);
@@ -457,7 +525,7 @@ fn viewers_get_poses_and_a_lens_that_changes_while_it_is_recorded() {
     wait_until("the first lens is written", || {
         status.snapshot().recording.events == 1
     });
-    refined.set(lens(55.0));
+    refined.set(found(lens(55.0)));
     hub.deliver(frame(2));
     let record = b"01   10.00  20.00  30.00   0.00   0.00   0.00\r\n";
     hub.deliver(SessionEvent::TrackerBytes {

@@ -1,7 +1,8 @@
 // Small charts of the values received since the page was opened.
 
 const SPAN_MS = 120_000; // the time across a chart
-const LABEL_PX = 12;
+const LABEL_REM = 0.76;
+const MIN_LABEL_PX = 12;
 const TIMES = [[0, 'now'], [30_000, '30 s'], [60_000, '1 min'], [90_000, '90 s'], [120_000, '2 min']];
 
 const histories = new Map();
@@ -14,6 +15,12 @@ export function remember(key, value) {
   while (now - history[0][0] > SPAN_MS) history.shift();
   histories.set(key, history);
   return history;
+}
+
+/** Returns the size of the labels, pixels: that of small text on the page. */
+function labelSize() {
+  const rem = parseFloat(getComputedStyle(document.documentElement).fontSize);
+  return Math.max(LABEL_REM * rem, MIN_LABEL_PX);
 }
 
 /** Adjusts a canvas to its size on the screen; null while it is hidden. */
@@ -60,11 +67,12 @@ export function spark(canvas, history, { axis = false } = {}) {
   const style = getComputedStyle(canvas);
   const values = history.map(([, value]) => value).filter(Number.isFinite);
   const top = niceAbove(Math.max(...values, 0) * (axis ? 1.05 : 1));
-  const [left, above, below] = axis ? [34, 8, 20] : [0, 3, 3];
+  const size = labelSize();
+  const [left, above, below] = axis ? [2.8 * size, 8, 1.7 * size] : [0, 3, 3];
   const now = performance.now();
   const x = (at) => left + (1 - (now - at) / SPAN_MS) * (width - left - 4);
   const y = (value) => height - below - (value / top) * (height - above - below);
-  if (axis) grid(context, style, { left, width, height, top, x, y, now });
+  if (axis) grid(context, style, { size, left, width, height, top, x, y, now });
   context.strokeStyle = style.color;
   context.fillStyle = style.color;
   context.lineWidth = axis ? 1.8 : 1.4;
@@ -82,8 +90,8 @@ function dot(context, newest, x, y, radius) {
   context.fill();
 }
 
-function grid(context, style, { left, width, height, top, x, y, now }) {
-  context.font = `${LABEL_PX}px system-ui, sans-serif`;
+function grid(context, style, { size, left, width, height, top, x, y, now }) {
+  context.font = `${size}px system-ui, sans-serif`;
   context.lineWidth = 1;
   context.strokeStyle = style.borderTopColor;
   context.fillStyle = style.outlineColor;

@@ -3,6 +3,7 @@
 
 import { calibrate } from './calibrate.js';
 import { remember, spark } from './charts.js';
+import { buildColumns } from './columns.js';
 import { exposure } from './exposure.js';
 import { guide } from './guide.js';
 import { health, healthUnknown } from './health.js';
@@ -246,7 +247,7 @@ function timing(s) {
   stages(s);
   const p = s.pairing;
   put($('timing-facts'), p.environment_skew_ms === null ? '' :
-    `light ${age(p.environment_skew_ms)} before the picture, pose ${p.pose}`);
+    `light ${age(Math.abs(p.environment_skew_ms))} ${p.environment_skew_ms < 0 ? 'after' : 'before'} the picture, pose ${p.pose}`);
   const measured = p.tracker_latency_measured_ms === null ? [] : [['tracker latency measured',
     `${millis(p.tracker_latency_measured_ms)} ± ${number(p.tracker_latency_sigma_ms)} (used ${millis(p.tracker_latency_ms)})`]];
   facts($('frame-facts'), [
@@ -351,5 +352,6 @@ buildPresets();
 buildScenes();
 buildLog();
 buildTheme();
+buildColumns();
 poll();
 calibrate();

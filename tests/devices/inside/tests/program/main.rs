@@ -8,3 +8,4 @@ mod faults;
 mod power;
 mod record;
 mod setup;
+mod webcam;
