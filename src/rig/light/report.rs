@@ -118,27 +118,20 @@ mod tests {
     use super::*;
     use std::cell::RefCell;
     use std::path::Path;
-    use std::time::Instant;
 
-    /// The time left is estimated from the share: a share that runs ahead or behind makes minutes out of seconds.
     #[test]
-    fn progress_tells_the_share_of_the_time() {
+    fn progress_rises_with_each_stage_and_leaves_the_report() {
         let desk =
             Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/fixtures/sessions/desk.mcap");
         let session = Session::open(&desk).unwrap();
-        let told = RefCell::new(Vec::new());
-        let begun = Instant::now();
+        let told = RefCell::new(vec![0.0]);
         light_of_session(&session, &Config::default(), |share| {
-            told.borrow_mut()
-                .push((begun.elapsed().as_secs_f64(), share));
+            told.borrow_mut().push(share)
         })
         .unwrap();
-        let took = begun.elapsed().as_secs_f64();
         let told = told.into_inner();
-        assert!(!told.is_empty());
-        for (seconds, share) in &told {
-            let estimated = seconds / share;
-            assert!((0.3..3.0).contains(&(estimated / took)), "{took}, {told:?}");
-        }
+        assert!(told.len() > 2, "{told:?}");
+        assert!(told.windows(2).all(|pair| pair[0] < pair[1]), "{told:?}");
+        assert!(told.last().is_some_and(|last| *last < 1.0), "{told:?}");
     }
 }
