@@ -31,6 +31,8 @@ pub(super) struct GroundGrid {
     /// At the centres of squares of texels.
     lamplight: Lamplight,
     side: u32,
+    /// Which texels of the whole grid lie below an object that stands on the ground.
+    inside: Vec<bool>,
 }
 
 struct Texel {
@@ -43,6 +45,8 @@ struct Texel {
     /// Phantom sides that are visible without virtual objects, with equal form factors.
     phantoms: Vec<u32>,
     window: f32,
+    /// Whether most of its rays meet the backs of virtual surfaces: it lies inside an object.
+    is_inside: bool,
 }
 
 impl GroundGrid {
@@ -73,13 +77,15 @@ impl GroundGrid {
                 *found = Some(texel(*point, index, obstacles, surfels, directions, region));
             }
         });
-        let texels = texels.into_iter().flatten().collect();
+        let texels: Vec<Texel> = texels.into_iter().flatten().collect();
+        let inside = texels.iter().map(|texel| texel.is_inside).collect();
         let whole = if side > 0 { GROUND_SIDE } else { 0 };
         let centres = places(side / LAMP_SQUARE).map(|point| (point, Vec3::Z));
         Self {
             shares: GroundShares(vec![Vec3::ONE; (whole * whole) as usize]),
             texels,
             lamplight: Lamplight::new(centres, region.offset()),
+            inside: expanded(side, inside),
             side,
         }
     }
@@ -104,7 +110,7 @@ impl GroundGrid {
             Vec3::splat(left) + lamps
         };
         let found: Vec<Vec3> = self.texels.iter().enumerate().map(found).collect();
-        self.shares.0 = self.expanded(found);
+        self.shares.0 = expanded(self.side, found);
     }
 
     /// Computes the irradiance on every texel.
@@ -138,39 +144,40 @@ impl GroundGrid {
         out.real_now.ground = reflected(&now);
     }
 
-    /// Values of the whole grid from those that were found.
-    fn expanded(&self, found: Vec<Vec3>) -> Vec<Vec3> {
-        if self.side == 0 || self.side == GROUND_SIDE {
-            return found;
-        }
-        let texels = 0..GROUND_SIDE * GROUND_SIDE;
-        let of = |i: u32| {
-            let (x, y) = (i % GROUND_SIDE / COARSER, i / GROUND_SIDE / COARSER);
-            found[(y * self.side + x) as usize]
-        };
-        texels.map(of).collect()
-    }
-
-    /// Smooths twice with a tent over 3×3 texels: each texel has few rays.
+    /// Smooths twice with a tent over 3×3 texels: each texel has few rays. What lies below an object does
+    /// not count.
     fn smoothed(&self, found: Vec<Vec3>) -> Vec<Vec3> {
         let once = |raw: &[Vec3]| -> Vec<Vec3> {
             let side = raw.len().isqrt() as u32;
             let texels = 0..side * side;
             texels
-                .map(|i| smooth(raw, side, i % side, i / side))
+                .map(|i| smooth((raw, &self.inside), side, i % side, i / side))
                 .collect()
         };
-        once(&once(&self.expanded(found)))
+        once(&once(&expanded(self.side, found)))
     }
 }
 
-fn smooth(raw: &[Vec3], side: u32, x: u32, y: u32) -> Vec3 {
+/// Values of the whole grid from those that were found, `side` in a row.
+fn expanded<T: Copy>(side: u32, found: Vec<T>) -> Vec<T> {
+    if side == 0 || side == GROUND_SIDE {
+        return found;
+    }
+    let of = |i: u32| {
+        let (x, y) = (i % GROUND_SIDE / COARSER, i / GROUND_SIDE / COARSER);
+        found[(y * side + x) as usize]
+    };
+    (0..GROUND_SIDE * GROUND_SIDE).map(of).collect()
+}
+
+fn smooth((raw, inside): (&[Vec3], &[bool]), side: u32, x: u32, y: u32) -> Vec3 {
     let (mut sum, mut weight) = (Vec3::ZERO, 0.0);
     for (dx, dy) in (0..9).map(|k| (k % 3, k / 3)) {
         let (u, v) = ((x + dx).wrapping_sub(1), (y + dy).wrapping_sub(1));
-        if u < side && v < side {
+        let i = (v.wrapping_mul(side).wrapping_add(u)) as usize;
+        if u < side && v < side && !inside[i] {
             let w = [1.0, 2.0, 1.0][dx as usize] * [1.0, 2.0, 1.0][dy as usize];
-            sum += raw[(v * side + u) as usize] * w;
+            sum += raw[i] * w;
             weight += w;
         }
     }
@@ -200,12 +207,15 @@ fn texel(
     }
     let azimuth = TAU * (f64::from(index) * 0.618_033_988_749_895).fract() as f32;
     let (mut virtual_points, mut phantoms) = (Vec::new(), Vec::new());
+    let mut backs = 0;
     for d in (0..GATHERED).map(|k| cosine_direction(k, GATHERED, azimuth)) {
         match obstacles.first_hit(origin, d) {
             FirstHit::Virtual(hit) => {
                 let hidden = obstacles.hidden_side(origin, d);
                 phantoms.extend(hidden);
                 let point = surfels.reflecting_point(&hit, d, obstacles, region);
+                let is_back = point.as_ref().is_some_and(|p| !surfels.is_front(p, &hit));
+                backs += usize::from(is_back);
                 virtual_points.extend(point.map(|p| (p, hidden)));
             }
             FirstHit::Phantom(side) => phantoms.push(side),
@@ -218,5 +228,6 @@ fn texel(
         virtual_points,
         phantoms,
         window: region.window(point),
+        is_inside: 2 * backs > GATHERED,
     }
 }

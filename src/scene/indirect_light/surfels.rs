@@ -23,6 +23,9 @@ const COUNT_MOVING: usize = 512;
 /// Surfels that a thread looks from at a time.
 const CHUNK: usize = 32;
 
+/// Distance, in sides of the squares that surfels stand for, from which a surfel stands for another surface.
+const FAR_APART: f32 = 4.0;
+
 /// A point of a virtual surface.
 struct Surfel {
     position: Vec3,
@@ -72,6 +75,8 @@ pub(super) struct Surfels {
     lamplight: Lamplight,
     /// Distance of a ray's origin from its surface, metres.
     offset: f32,
+    /// Side of the square that a surfel stands for, metres.
+    spacing: f32,
 }
 
 impl Surfels {
@@ -88,6 +93,7 @@ impl Surfels {
             obstacles,
             directions,
             region,
+            spacing,
         };
         let index = SurfelIndex::new(places(&all), spacing);
         let is_inside = looked(&all, |s| look.is_inside(s, &all, &index));
@@ -111,6 +117,7 @@ impl Surfels {
             compact: CompactSources::default(),
             lamplight,
             offset: region.offset(),
+            spacing,
         }
     }
 
@@ -156,7 +163,7 @@ impl Surfels {
 
     /// Whether `hit` is on the front of the surface at `point`; its back is inside an object.
     pub fn is_front(&self, point: &ReflectingPoint, hit: &SurfacePoint) -> bool {
-        self.all[point.surfel as usize].normal.dot(hit.normal) > 0.0
+        is_front(&self.all[point.surfel as usize], hit, self.spacing)
     }
 
     /// Returns the surfel that represents a point.
@@ -335,6 +342,13 @@ fn looked<T: Send + Default + Clone>(
     found
 }
 
+/// Whether `hit` is on the front of the surface that a surfel stands for. Of a back, the surfel nearest to
+/// it may be one of the opposite wall.
+fn is_front(surfel: &Surfel, hit: &SurfacePoint, spacing: f32) -> bool {
+    let is_near = surfel.position.distance(hit.point) < FAR_APART * spacing;
+    is_near && surfel.normal.dot(hit.normal) > 0.0
+}
+
 /// What is visible from a surfel; see [`Surfel`].
 #[derive(Clone, Default)]
 struct Visible {
@@ -349,20 +363,26 @@ struct Look<'a> {
     obstacles: &'a Obstacles,
     directions: &'a Directions,
     region: &'a Region,
+    /// See [`Surfels::spacing`].
+    spacing: f32,
 }
 
 impl Look<'_> {
-    /// Whether a surfel is inside another object, on a hidden surface: from there, most rays hit the
-    /// backs of surfaces. It must not stand for visible points nearby.
+    /// Whether a surfel is on a hidden surface: below the ground, as what an object stands on is, or inside
+    /// another object, from where most rays hit the backs of surfaces. It must not stand for visible points
+    /// nearby.
     fn is_inside(&self, surfel: &Surfel, all: &[Surfel], index: &SurfelIndex) -> bool {
         let origin = surfel.position + surfel.normal * self.region.offset();
+        if self.obstacles.floor.is_some_and(|floor| origin.z < floor) {
+            return true;
+        }
         let in_front = |d: &&Vec3| d.dot(surfel.normal) > 0.0;
         let each = self.directions.all.iter().step_by(4).filter(in_front);
         let (mut backs, mut count) = (0, 0);
         for d in each {
             count += 1;
             if let FirstHit::Virtual(hit) = self.obstacles.first_hit(origin, *d) {
-                let front = |i: u32| all[i as usize].normal.dot(hit.normal) > 0.0;
+                let front = |i: u32| is_front(&all[i as usize], &hit, self.spacing);
                 backs += i32::from(!index.nearest(&hit).is_some_and(front));
             }
         }
