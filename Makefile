@@ -97,7 +97,7 @@ test-devices: toolchain ## Real kernel cameras and serial ports, in a small VM; 
 cross: toolchain ## Compile for Windows (MinGW) and macOS (Rust only), as far as the targets are installed
 	@$(UNPACKED) .ci/test cross
 
-power-cut: toolchain ## Cut the power of a recording rig in a VM, at a hundred instants, with a fast and a slow disk; ARGS="--seconds 20 --cuts 100 --write"
+power-cut: toolchain ## Cut the power of a recording rig in a VM, at a hundred instants; ARGS="--seconds 20 --cuts 100 --write"
 	@python3 tests/devices/power_cut.py $(ARGS)
 
 service-proof: build ## Start the service under a real systemd, Debian 12 in a VM: READY, watchdog, crash (root, debootstrap)
