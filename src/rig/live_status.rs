@@ -1,5 +1,6 @@
 //! Publishes the state of live devices in the status.
 
+use crate::feed::FeedCounts;
 use crate::frame::Counts;
 use crate::rates::DeviceRate;
 use crate::source::Live;
@@ -32,7 +33,8 @@ pub(super) fn devices(s: &mut Snapshot, live: &Live, rates: &[DeviceRate; 3], co
             DeviceKind::EnvironmentCamera => (&rates[1], lost.environment_lost),
             DeviceKind::Tracker => (&rates[2], lost.tracker_lost),
         };
-        write(device, &live.status(), rate, now);
+        let status = live.status();
+        write(device, &status, rate, now);
         device.dropped += lost;
         if live.kind == DeviceKind::Tracker {
             device.dropped += counts.lost_readings;
@@ -40,7 +42,8 @@ pub(super) fn devices(s: &mut Snapshot, live: &Live, rates: &[DeviceRate; 3], co
             let found = tracker_problems(&counts.pairing, skipped, lost);
             device.problems.extend(problems(&found));
             let reason = device.reason.take();
-            device.reason = reason.or_else(|| counts.pairing.wrong_station());
+            let reason = reason.or_else(|| counts.pairing.wrong_station());
+            device.reason = unreadable(&status, &counts.feed).or(reason);
         }
     }
 }
@@ -97,9 +100,6 @@ fn write(device: &mut Device, status: &DeviceStatus, rate: &DeviceRate, now: Mon
             device.notes.extend(report.description.clone());
             device.notes.extend(report.warning.clone());
             device.dropped = status.damaged;
-            if status.bytes > BYTES_FOR_A_RECORD && rate.received == 0 {
-                device.reason = Some(unreadable(&report.identity, &report.protocol, status.bytes));
-            }
         }
     }
 }
@@ -143,15 +143,25 @@ fn camera_problems(report: &CameraReport, status: &DeviceStatus) -> [(&'static s
     ]
 }
 
-/// Message for a tracker whose bytes contain no record of its protocol.
-fn unreadable(identity: &str, protocol: &str, bytes: u64) -> String {
+/// Message for a tracker whose bytes contain no record of its protocol. Bytes count once they were
+/// decoded, which is not done before the first picture is composed.
+fn unreadable(status: &DeviceStatus, counts: &FeedCounts) -> Option<String> {
+    let DeviceReport::Tracker(report) = &status.report else {
+        return None;
+    };
+    let (identity, protocol, bytes) = (&report.identity, &report.protocol, counts.tracker_bytes);
+    if bytes <= BYTES_FOR_A_RECORD || counts.poses > 0 {
+        return None;
+    }
     // Only a serial line has a baud rate, and only serial ports are probed.
     let advice = if identity.starts_with("udp:") || identity.starts_with("vrpn:") {
         "check `protocol` under [tracker], and what its sender sends"
     } else {
         "check `protocol` and `baud` under [tracker]; `penumbra devices --probe` detects them"
     };
-    format!("received {bytes} bytes without a {protocol} record; {advice}")
+    Some(format!(
+        "received {bytes} bytes without a {protocol} record; {advice}"
+    ))
 }
 
 fn camera(device: &mut Device, report: &CameraReport, status: &DeviceStatus) {
@@ -220,15 +230,11 @@ mod tests {
         }
     }
 
-    fn tracker(bytes: u64, poses: u64) -> Device {
-        tracker_at("usb-FTDI_X", bytes, poses)
-    }
-
-    fn tracker_at(identity: &str, bytes: u64, poses: u64) -> Device {
+    /// What the status says of a tracker that has sent 2,000 bytes, of which some are decoded.
+    fn reason(identity: &str, decoded: u64, poses: u64) -> Option<String> {
         let status = DeviceStatus {
             state: Captured::Streaming,
-            bytes,
-            received: 9,
+            bytes: 2000,
             report: DeviceReport::Tracker(TrackerReport {
                 identity: identity.to_owned(),
                 protocol: "liberty".to_owned(),
@@ -236,23 +242,33 @@ mod tests {
             }),
             ..DeviceStatus::default()
         };
-        let mut device = Device::new("t", DeviceKind::Tracker);
-        write(&mut device, &status, &rate(poses), SystemClock.now());
-        device
+        let counts = FeedCounts {
+            tracker_bytes: decoded,
+            poses,
+            ..FeedCounts::default()
+        };
+        unreadable(&status, &counts)
     }
 
     #[test]
     fn reports_bytes_without_a_record_as_wrong_protocol_or_baud_rate() {
-        let reason = tracker(2000, 0).reason.unwrap();
+        let of = |identity| reason(identity, 2000, 0).unwrap();
+        let serial = of("usb-FTDI_X");
         assert!(
-            reason.contains("2000 bytes") && reason.contains("liberty"),
-            "{reason}"
+            serial.contains("2000 bytes") && serial.contains("liberty"),
+            "{serial}"
         );
-        assert!(reason.contains("`baud`"), "{reason}");
-        let reason = tracker_at("udp:0.0.0.0:40000", 2000, 0).reason.unwrap();
-        assert!(!reason.contains("baud"), "{reason}");
-        assert_eq!(tracker(2000, 5).reason, None);
-        assert_eq!(tracker(100, 0).reason, None);
+        assert!(serial.contains("`baud`"), "{serial}");
+        let network = of("udp:0.0.0.0:40000");
+        assert!(!network.contains("baud"), "{network}");
+        assert_eq!(reason("usb-FTDI_X", 2000, 5), None);
+        assert_eq!(reason("usb-FTDI_X", 100, 0), None);
+    }
+
+    /// The first picture takes seconds, in which nobody reads what the tracker sends.
+    #[test]
+    fn bytes_that_nobody_has_decoded_yet_are_not_called_unreadable() {
+        assert_eq!(reason("usb-FTDI_X", 0, 0), None);
     }
 
     #[test]

@@ -28,7 +28,7 @@ use std::time::Duration;
 /// Capacity of the queue, events: several seconds of all streams. Its bytes are limited separately.
 const QUEUE_CAPACITY: usize = limit(16_384, 4);
 /// Time between flushes, each of which waits for the disk. A power cut loses this and the time of
-/// two flushes.
+/// two flushes. Where one takes longer than this, the next one does not wait.
 const FLUSH_EVERY: Duration = Duration::from_millis(250);
 /// A write that takes longer means that the disk is slow.
 const SLOW_WRITE: Duration = Duration::from_millis(250);
@@ -179,6 +179,8 @@ impl Recorder {
             max_duration: [configured, max_duration].into_iter().flatten().min(),
             started: SystemClock.now(),
             flushed: SystemClock.now(),
+            last_flush: Duration::ZERO,
+            unflushed: 0,
             slowest: Duration::ZERO,
             slowest_flush: Duration::ZERO,
             recording: Recording {
@@ -276,6 +278,9 @@ struct Job {
     max_duration: Option<Duration>,
     started: MonotonicTime,
     flushed: MonotonicTime,
+    /// Duration of the last flush, and events written since then.
+    last_flush: Duration,
+    unflushed: u64,
     /// Duration of the longest write.
     slowest: Duration,
     /// Duration of the longest flush.
@@ -306,20 +311,19 @@ impl Job {
             if self.stop.load(Ordering::Relaxed) {
                 return Ok(End::Regular("Finished."));
             }
-            match self.queue.recv_timeout(FLUSH_EVERY / 2) {
-                Ok(event) => self.timed_write(|job| job.write(&event))?,
-                Err(RecvTimeoutError::Timeout) => (),
+            let is_written = match self.queue.recv_timeout(self.patience()) {
+                Ok(event) => {
+                    self.timed_write(|job| job.write(&event))?;
+                    self.unflushed += 1;
+                    false
+                }
+                Err(RecvTimeoutError::Timeout) => self.unflushed > 0,
                 Err(RecvTimeoutError::Disconnected) => return Ok(End::Regular("Finished.")),
-            }
+            };
             self.timed_write(Self::write_composites)?;
             let now = SystemClock.now();
-            if now >= self.flushed + FLUSH_EVERY {
-                let took = self.timed(|job| job.writer.flush())?;
-                // From its end: after a flush longer than the interval only one event would be written
-                // before the next one, and the queue would grow.
-                self.flushed = SystemClock.now();
-                self.slowest_flush = self.slowest_flush.max(took);
-                self.publish();
+            if now >= self.flushed + FLUSH_EVERY || is_written && self.flushes_are_long() {
+                self.flush()?;
                 if self.free().is_some_and(|free| free < self.reserve_bytes) {
                     return Ok(End::Reserve);
                 }
@@ -331,6 +335,32 @@ impl Job {
                 return Ok(End::Regular("Finished: the maximum duration is reached."));
             }
         }
+    }
+
+    /// Whether a flush takes so long that what arrived during it is flushed as soon as it is written.
+    fn flushes_are_long(&self) -> bool {
+        self.last_flush > FLUSH_EVERY
+    }
+
+    /// How long to wait for the next event.
+    fn patience(&self) -> Duration {
+        if self.flushes_are_long() && self.unflushed > 0 {
+            Duration::ZERO
+        } else {
+            FLUSH_EVERY / 2
+        }
+    }
+
+    /// Waits until all that is written is on the disk.
+    fn flush(&mut self) -> Result<(), SessionError> {
+        self.last_flush = self.timed(|job| job.writer.flush())?;
+        // From its end: after a flush longer than the interval only one event would be written
+        // before the next one, and the queue would grow.
+        self.flushed = SystemClock.now();
+        self.unflushed = 0;
+        self.slowest_flush = self.slowest_flush.max(self.last_flush);
+        self.publish();
+        Ok(())
     }
 
     /// Writes, and notes how long that takes.

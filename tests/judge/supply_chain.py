@@ -132,6 +132,9 @@ def main() -> None:
         missing = [line for line in listed if line not in known]
         if missing:
             sys.exit(f"supply-chain: {page.name} lacks {missing[0]}; write it again: {Path(__file__).name} --write")
+        exempted = sum(len(of) for of in tomllib.loads((ROOT / "supply-chain/config.toml").read_text())["exemptions"].values())
+        if f"all {exempted} are exempted" not in known:
+            sys.exit(f"supply-chain: {page.name} does not say that all {exempted} are exempted")
         print(f"{len(listed)} direct dependencies, each with a reason")
     else:
         print(text)
