@@ -224,7 +224,7 @@ impl<'a> DistanceSearch<'a> {
         let (width, points) = (self.surfaces.width, &self.surfaces.points);
         let p = points[i]?;
         let beside = [
-            (i % width > 0).then(|| i - 1),
+            (!i.is_multiple_of(width)).then(|| i - 1),
             (i % width + 1 < width).then_some(i + 1),
             i.checked_sub(width),
             Some(i + width),
