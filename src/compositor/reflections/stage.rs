@@ -42,7 +42,7 @@ pub struct ReflectionsStage {
     picture: FrameTexture,
     /// The points of the lattice in the rectangle of covered tiles.
     lattice: Vec<Nearby>,
-    /// The same with soft points averaged over those around them.
+    /// The same with soft points, if there are any, averaged over those around them.
     softened: Vec<Nearby>,
     /// The pixels of that rectangle.
     texels: Vec<Texel>,
@@ -144,15 +144,23 @@ impl ReflectionsStage {
         threads::for_each(strips.enumerate().collect(), |(number, strip)| {
             work.trace(number, strip);
         });
-        self.softened.resize(points, Nearby::NOTHING);
-        let strips = self.softened.chunks_exact_mut(ROWS * across / step);
-        threads::for_each(strips.enumerate().collect(), |(number, strip)| {
-            soften(&self.lattice, across / step, number, strip);
-        });
+        let is_soft = self.lattice.iter().any(|point| point.is_soft);
+        if is_soft {
+            self.softened.resize(points, Nearby::NOTHING);
+            let strips = self.softened.chunks_exact_mut(ROWS * across / step);
+            threads::for_each(strips.enumerate().collect(), |(number, strip)| {
+                soften(&self.lattice, across / step, number, strip);
+            });
+        }
+        let lattice = if is_soft {
+            &self.softened
+        } else {
+            &self.lattice
+        };
         self.texels.resize(across * down, NOTHING);
         let strips = self.texels.chunks_exact_mut(TILE as usize * across);
         threads::for_each(strips.enumerate().collect(), |(number, strip)| {
-            work.fill(&self.softened, number, strip);
+            work.fill(lattice, number, strip);
         });
         self.find_shown(tiles);
         upload(queue, &self.picture, &self.texels, tiles);

@@ -28,8 +28,9 @@ use penumbra_numerics::smoothstep;
 
 /// Lobes narrower than this are traced by one ray.
 const MIRROR: f32 = 0.015;
-/// Width of a lobe, in units of the angle between what neighbouring points of the lattice mirror, from
-/// which these are averaged: four of them lie within the lobe.
+/// Width of a lobe, GGX's α, in units of the angle between what neighbouring points of the lattice mirror, from
+/// which these are averaged. Half of a lobe's light lies within 2 α of the mirror direction, to every side: three
+/// such points.
 const WIDE: f32 = 0.8;
 /// Sine of the least angle between a mirror ray and the triangle from which it starts.
 const LEAST_ELEVATION: f32 = 0.01;

@@ -153,7 +153,8 @@ impl DistanceSearch<'_> {
     /// The losses of luminance with another form of lamp number `lamp`.
     fn losses(&self, lamp: usize, form: &[f32]) -> Losses {
         let light = self.lamps[lamp].source.irradiance;
-        self.channel_losses(LUMINANCE_OF, lamp, (form, light))
+        let log = self.log_irradiance(LUMINANCE_OF, Some((lamp, (form, light))));
+        self.losses_of(LUMINANCE_OF, &log)
     }
 }
 

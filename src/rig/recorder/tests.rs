@@ -482,6 +482,17 @@ fn viewed() -> Arc<penumbra_session::ViewedRig> {
     })
 }
 
+fn recorder_of(contents: RecordingContents) -> (Arc<Hub>, Arc<SharedStatus>, Arc<Recorder>) {
+    let hub = Hub::new(Arc::new(SystemClock), false);
+    let status = SharedStatus::new(Settings::default());
+    let config = RecordingConfig {
+        reserve_bytes: 0,
+        ..RecordingConfig::default()
+    };
+    let recorder = Recorder::new(hub.clone(), contents, config, status.clone());
+    (hub, status, recorder)
+}
+
 /// Its replay would otherwise use the lens of the rig's start.
 #[test]
 fn recording_holds_the_calibration_of_a_lens_that_was_refined_before_it() {
@@ -496,13 +507,7 @@ fn recording_holds_the_calibration_of_a_lens_that_was_refined_before_it() {
         ..RecordingContents::default()
     };
     let refined = Arc::clone(&contents.refined_lens);
-    let hub = Hub::new(Arc::new(SystemClock), false);
-    let status = SharedStatus::new(Settings::default());
-    let config = RecordingConfig {
-        reserve_bytes: 0,
-        ..RecordingConfig::default()
-    };
-    let recorder = Recorder::new(hub.clone(), contents, config, status);
+    let (hub, _, recorder) = recorder_of(contents);
     let record = |name: &str| {
         let path = folder.path().join(name);
         recorder.start(&path, None, false).unwrap();
@@ -539,13 +544,7 @@ fn viewers_get_poses_and_a_lens_that_changes_while_it_is_recorded() {
         ..RecordingContents::default()
     };
     let refined = Arc::clone(&contents.refined_lens);
-    let hub = Hub::new(Arc::new(SystemClock), false);
-    let status = SharedStatus::new(Settings::default());
-    let config = RecordingConfig {
-        reserve_bytes: 0,
-        ..RecordingConfig::default()
-    };
-    let recorder = Recorder::new(hub.clone(), contents, config, status.clone());
+    let (hub, status, recorder) = recorder_of(contents);
     let path = folder.path().join("a.mcap");
     recorder.start(&path, None, false).unwrap();
     hub.deliver(frame(1));
