@@ -105,6 +105,39 @@ fn parallel_squares_exchange_their_form_factor() {
     assert!((mean / expected - 1.0).abs() < 0.03, "{mean} {expected}");
 }
 
+/// Irradiance on the ground at a distance from the edge at x = 0.1: the mean over 2 cm, because a texel has
+/// few rays.
+fn on_ground_beside(light: &IndirectLight, distance: f32) -> f32 {
+    let size = (light.high - light.low).truncate();
+    let along = (0..20).map(|k| 0.001 * k as f32 - 0.01);
+    let at = along.map(|y| (glam::Vec2::new(0.1 + distance, y) - light.low.truncate()) / size);
+    let value = |at| light.on_ground.value(&light.change.ground, at);
+    at.map(|at| value(at).expect("a grid").x).sum::<f32>() / 20.0
+}
+
+#[test]
+fn inside_of_an_object_does_not_light_the_ground_beside_it() {
+    let height = 0.1_f32;
+    let mesh = primitives::cuboid(Vec3::new(0.2, 0.2, height));
+    let scene = Scene {
+        virtual_parts: vec![part_of(mesh, 0.0, 1.0, DMat4::IDENTITY)],
+        ground_height: Some(0.0),
+        ..Scene::default()
+    };
+    let mut solver = IndirectLightSolver::new(&scene, &scene.virtual_parts).unwrap();
+    solver.update(&lighting(1), &[], &[]);
+    for beside in [0.004_f32, 0.01, 0.02] {
+        // A long wall.
+        let cosine = beside / beside.hypot(height);
+        let expected = 0.5 * std::f32::consts::PI * (1.0 - cosine);
+        let found = on_ground_beside(solver.light(), beside);
+        assert!(
+            (found / expected - 1.0).abs() < 0.15,
+            "{beside}: {found} {expected}"
+        );
+    }
+}
+
 #[test]
 fn ground_resolves_the_light_below_the_edge_of_an_object() {
     let height = 0.012_f32;
@@ -117,16 +150,7 @@ fn ground_resolves_the_light_below_the_edge_of_an_object() {
     };
     let mut solver = IndirectLightSolver::new(&scene, &scene.virtual_parts).unwrap();
     solver.update(&lighting(1), &[], &[]);
-    let light = solver.light();
-    let size = (light.high - light.low).truncate();
-    // The mean over a tenth of the edge: a texel has few rays.
-    let mean = |beside: f32| {
-        let along = (0..20).map(|k| 0.001 * k as f32 - 0.01);
-        let at = along.map(|y| (glam::Vec2::new(0.1 + beside, y) - light.low.truncate()) / size);
-        let value = |at| light.on_ground.value(&light.change.ground, at);
-        let values = at.map(|at| value(at).expect("a grid").x);
-        values.sum::<f32>() / 20.0
-    };
+    let mean = |beside: f32| on_ground_beside(solver.light(), beside);
     for beside in [-0.03_f32, -0.01, 0.0, 0.01, 0.03] {
         // A plate that is large beside its height.
         let sine = beside / beside.hypot(height);
