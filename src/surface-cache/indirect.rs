@@ -1,14 +1,10 @@
 //! Indirect light at points of surfaces; twin of `irradiance.wgsl`.
 
 use crate::layout::{BORDERED, TEXELS};
-use crate::texels::PageTexels;
+use crate::texels::{PageTexels, between};
 use glam::{UVec3, Vec3, Vec4};
 use penumbra_scene::IndirectLight;
 use penumbra_scene::indirect_light::{Irradiance, VOLUME_SIZE};
-
-/// Texels along each axis at which a plane page is evaluated; between them indirect light is
-/// interpolated.
-const LATTICE: [usize; 3] = [0, 8, BORDERED - 1];
 
 /// Writes the indirect irradiance on each texel of a page.
 pub fn fill(
@@ -34,38 +30,42 @@ fn on_virtual(light: &IndirectLight, p: Vec3, n: Vec3) -> Vec4 {
     real.lerp(known.truncate(), known.w).extend(known.w)
 }
 
-/// Writes a function of position and normal on each texel of a page, channel by channel.
+/// Writes a function of position and normal on each texel of a page, channel by channel. It is
+/// evaluated once for every [`PageTexels::stride`] texels along each axis and interpolated between.
 fn fill_with<const N: usize>(
     page: &PageTexels,
     to: &mut [[f32; TEXELS]; N],
     value: impl Fn(Vec3, Vec3) -> [f32; N],
 ) {
-    let at = |k: usize| value(page.positions[k], page.normals[k]);
-    let mut set = |k: usize, value: [f32; N]| {
-        for (channel, value) in to.iter_mut().zip(value) {
-            channel[k] = value;
+    let is_corner = |at: usize| at.is_multiple_of(page.stride) || at + 1 == BORDERED;
+    for y in (0..BORDERED).filter(|y| is_corner(*y)) {
+        let row = y * BORDERED;
+        for x in (0..BORDERED).filter(|x| is_corner(*x)) {
+            let value = value(page.positions[row + x], page.normals[row + x]);
+            for (channel, value) in to.iter_mut().zip(value) {
+                channel[row + x] = value;
+            }
         }
-    };
-    if page.plane.is_none() {
-        (0..TEXELS).for_each(|k| set(k, at(k)));
-        return;
+        for channel in to.iter_mut() {
+            for x in (0..BORDERED).filter(|x| !is_corner(*x)) {
+                let ([left, right], share) = between(x, page.stride);
+                channel[row + x] = mix(channel[row + left], channel[row + right], share);
+            }
+        }
     }
-    let known = LATTICE.map(|y| LATTICE.map(|x| at(y * BORDERED + x)));
-    for k in 0..TEXELS {
-        let part = |texel: usize| {
-            let i = usize::from(texel >= LATTICE[1]);
-            let length = (LATTICE[i + 1] - LATTICE[i]) as f32;
-            (i, (texel - LATTICE[i]) as f32 / length)
-        };
-        let ((x, fx), (y, fy)) = (part(k % BORDERED), part(k / BORDERED));
-        let top = mix(known[y][x], known[y][x + 1], fx);
-        let bottom = mix(known[y + 1][x], known[y + 1][x + 1], fx);
-        set(k, mix(top, bottom, fy));
+    for y in (0..BORDERED).filter(|y| !is_corner(*y)) {
+        let ([top, bottom], share) = between(y, page.stride);
+        for channel in to.iter_mut() {
+            for x in 0..BORDERED {
+                let column = |y: usize| channel[y * BORDERED + x];
+                channel[y * BORDERED + x] = mix(column(top), column(bottom), share);
+            }
+        }
     }
 }
 
-fn mix<const N: usize>(a: [f32; N], b: [f32; N], t: f32) -> [f32; N] {
-    std::array::from_fn(|c| a[c] + (b[c] - a[c]) * t)
+fn mix(a: f32, b: f32, share: f32) -> f32 {
+    a + (b - a) * share
 }
 
 /// Indirect irradiance at `p` on a surface with normal `n` from one of the kinds of `light`; zero
@@ -109,4 +109,48 @@ fn in_volume(volume: &[Vec3], at: Vec3) -> Vec3 {
     let line = |y, z| value(x, y, z).lerp(value(x + 1, y, z), fx);
     let plane = |z| line(y, z).lerp(line(y + 1, z), fy);
     plane(z).lerp(plane(z + 1), fz)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{CacheOptions, SurfaceCache};
+    use penumbra_scene::{Material, Part, Scene, primitives};
+    use std::sync::Arc;
+
+    #[test]
+    fn interpolated_light_is_near_that_of_each_texel() {
+        let ball = Part {
+            name: "ball".to_owned(),
+            mesh: Arc::new(primitives::sphere(0.1, 48, 24)),
+            material: Arc::new(Material::default()),
+            world_from_part: glam::DMat4::IDENTITY,
+            mirror: false,
+            albedo: None,
+        };
+        let scene = Scene {
+            virtual_parts: vec![ball],
+            ..Scene::default()
+        };
+        let options = CacheOptions {
+            pages: 600,
+            map_size: 64,
+            lights: 1,
+        };
+        let cache = SurfaceCache::new(&scene, &penumbra_scene::casters(&scene), &options);
+        let value = |p: Vec3, n: Vec3| [p.dot(Vec3::new(1.0, 2.0, 3.0)) + n.z * n.z];
+        let (mut texels, mut interpolated) = (0, 0);
+        for page in cache.receiver_pages() {
+            let page = &page.texels;
+            let mut found = [[0.0; TEXELS]];
+            fill_with(page, &mut found, value);
+            for k in (0..TEXELS).filter(|k| page.is_used[*k]) {
+                let [expected] = value(page.positions[k], page.normals[k]);
+                assert!((found[0][k] - expected).abs() < 0.06, "{}", page.stride);
+                texels += 1;
+                interpolated += usize::from(page.stride > 1);
+            }
+        }
+        assert!(interpolated * 2 > texels, "{interpolated} of {texels}");
+    }
 }

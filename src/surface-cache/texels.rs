@@ -18,6 +18,9 @@ pub struct PageTexels {
     pub is_used: Vec<bool>,
     /// The normal of all texels, if it is the same.
     pub plane: Option<Vec3>,
+    /// Number of texels along each axis over which what changes slowly with place and normal may be
+    /// interpolated.
+    pub stride: usize,
 }
 
 /// Finds the texels of a page. `normals`: of the receiver's vertices, world; `receiver`: the one
@@ -28,6 +31,7 @@ pub fn texels(layout: &Layout, page: &Page, receiver: &Receiver, normals: &[Vec3
         normals: vec![Vec3::Z; TEXELS],
         is_used: vec![false; TEXELS],
         plane: None,
+        stride: 1,
     };
     let mut nearest = [f32::INFINITY; TEXELS];
     let frames = &layout.frames[page.receiver];
@@ -66,7 +70,12 @@ pub fn texels(layout: &Layout, page: &Page, receiver: &Receiver, normals: &[Vec3
             let flat = first + texel.as_vec2() * length;
             texels.positions[index] = plane.point_at(chart, flat);
         }
+    } else {
+        texels.extend();
     }
+    let strides = STRIDES.into_iter();
+    let mut fine = strides.filter(|stride| texels.is_even_over(*stride, length));
+    texels.stride = fine.next().unwrap_or(1);
     texels
 }
 
@@ -101,6 +110,81 @@ impl PageTexels {
             }
         }
     }
+}
+
+/// Lengths of [`PageTexels::stride`] that are tried, longest first.
+const STRIDES: [usize; 4] = [9, 6, 3, 2];
+/// Difference of an interpolated place from the true one, in texels, and of a normal, up to which a
+/// surface counts as even.
+const EVEN: (f32, f32) = (1.6, 0.12);
+
+/// The texels, along one axis, between which texel `at` is interpolated in steps of `stride`, and its
+/// place between them, from 0 to 1.
+#[inline(always)]
+pub fn between(at: usize, stride: usize) -> ([usize; 2], f32) {
+    const LAST: usize = BORDERED - 1;
+    let low = (at / stride).min((LAST - 1) / stride) * stride;
+    let high = (low + stride).min(LAST);
+    ([low, high], (at - low) as f32 / (high - low) as f32)
+}
+
+impl PageTexels {
+    /// Gives texels beyond the edge of a surface the place and the normal of the nearest one on it.
+    fn extend(&mut self) {
+        let mut is_known = self.is_used.clone();
+        loop {
+            let unknown = (0..TEXELS).filter(|k| !is_known[*k]);
+            let nearest = |k: usize| neighbours(k).find(|n| is_known[*n]).map(|n| (k, n));
+            let found: Vec<(usize, usize)> = unknown.filter_map(nearest).collect();
+            if found.is_empty() {
+                return;
+            }
+            for (k, known) in found {
+                self.positions[k] = self.positions[known];
+                self.normals[k] = self.normals[known];
+                is_known[k] = true;
+            }
+        }
+    }
+
+    /// Whether places and normals of the used texels, `length` metres long, can be interpolated in
+    /// steps of `stride`.
+    fn is_even_over(&self, stride: usize, length: f32) -> bool {
+        let mix = |values: &[Vec3], k: usize| {
+            let ([left, right], fx) = between(k % BORDERED, stride);
+            let ([top, bottom], fy) = between(k / BORDERED, stride);
+            let row = |y: usize| values[y * BORDERED + left].lerp(values[y * BORDERED + right], fx);
+            row(top).lerp(row(bottom), fy)
+        };
+        let is_near = |k: usize| {
+            let moved = mix(&self.positions, k).distance(self.positions[k]);
+            let turned = mix(&self.normals, k).distance(self.normals[k]);
+            moved <= EVEN.0 * length && turned <= EVEN.1
+        };
+        let mut used = (0..TEXELS).filter(|k| self.is_used[*k]);
+        self.plane.is_some() || used.all(is_near)
+    }
+}
+
+/// The texels beside texel `k`, those with a common side first.
+fn neighbours(k: usize) -> impl Iterator<Item = usize> {
+    const SIDES: [[i32; 2]; 8] = [
+        [-1, 0],
+        [1, 0],
+        [0, -1],
+        [0, 1],
+        [-1, -1],
+        [1, -1],
+        [-1, 1],
+        [1, 1],
+    ];
+    let at = [k % BORDERED, k / BORDERED].map(|at| at as i32);
+    let side = BORDERED as i32;
+    SIDES.into_iter().filter_map(move |[x, y]| {
+        let (x, y) = (at[0] + x, at[1] + y);
+        let is_inside = (0..side).contains(&x) && (0..side).contains(&y);
+        is_inside.then_some((y * side + x) as usize)
+    })
 }
 
 /// A cone that holds all normals of a page.
