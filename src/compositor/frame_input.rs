@@ -12,16 +12,13 @@ use penumbra_lighting::Lighting;
 use penumbra_picture::Picture;
 use penumbra_scene::{Highlights, IndirectLight, LampResponse, PlacedLamp, ShadowMode};
 
-/// The ends of an interpolation of the light in time. Each end keeps its generation and content as
-/// long as it is an end, first as `to`, then as `from`.
+/// The light of a later picture.
 #[derive(Clone, Copy)]
-pub struct LightSpan<'a> {
-    /// The light at weight 0.
-    pub from: &'a Lighting,
-    /// The light at weight 1; the same as `from` where the light is not interpolated.
-    pub to: &'a Lighting,
-    /// Share of `to`, 0 to 1.
-    pub weight: f32,
+pub struct ComingLight<'a> {
+    /// The light.
+    pub lighting: &'a Lighting,
+    /// Light that virtual objects reflect onto the real scene under it, if that is known.
+    pub indirect: Option<&'a IndirectLight>,
 }
 
 /// The input of one frame. [`FrameInput::new`] shows the camera picture alone; struct update
@@ -46,10 +43,14 @@ pub struct FrameInput<'a> {
     pub reprojection: Option<Reprojection>,
     /// The light; `None` shows the camera picture alone.
     pub lighting: Option<&'a Lighting>,
-    /// The two lights whose blend `lighting` is, for results that are kept for each of them.
-    pub light_span: Option<LightSpan<'a>>,
     /// Light that virtual objects reflect onto the real scene under `lighting`, if it is known.
     pub indirect_light: Option<&'a IndirectLight>,
+    /// The light of the next picture, as far as it is known: of what is computed in the background
+    /// until then.
+    pub coming_light: Option<ComingLight<'a>>,
+    /// Whether the picture does not follow the one before in time: nothing that was computed for
+    /// earlier pictures is shown with it.
+    pub is_start: bool,
     /// Virtual lights; those after the first [`penumbra_scene::lamps::MAX_LAMPS`] are ignored.
     pub lamps: &'a [PlacedLamp],
     /// How real surfaces respond to them.
@@ -90,8 +91,9 @@ impl<'a> FrameInput<'a> {
             world_from_camera: None,
             reprojection: None,
             lighting: None,
-            light_span: None,
             indirect_light: None,
+            coming_light: None,
+            is_start: false,
             lamps: &[],
             lamp_response: LampResponse::Intrinsic,
             brightest: Vec3::ZERO,

@@ -85,7 +85,7 @@ pub mod timing;
 pub use compiled::Device;
 pub use compositor::Compositor;
 pub use exposure::Exposure;
-pub use frame_input::{FrameInput, LightSpan};
+pub use frame_input::{ComingLight, FrameInput};
 pub use gpu::{Gpu, GpuError};
 pub use lens::LensOutput;
 pub use look::Look;

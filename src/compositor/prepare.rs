@@ -316,11 +316,29 @@ impl Compositor {
         let planes = self.planes.as_ref().filter(|_| by_planes);
         light.keep_apart(by_planes);
         if let (true, (Some(lighting), Some(pose))) = (has_virtual, seen) {
-            let surface_light = SurfaceLight::new(lighting, lights, input.indirect_light);
+            // What is computed in the background is shown with a later picture.
+            let is_later = self.settings.in_background && !by_planes && !input.is_start;
+            let coming = input.coming_light.filter(|_| is_later);
+            let (lighting, lights, indirect) = match coming {
+                Some(coming) => {
+                    let lights = coming.lighting.lights.as_slice();
+                    let budget = self.settings.light_budget as usize;
+                    (
+                        coming.lighting,
+                        &lights[..lights.len().min(budget)],
+                        coming.indirect,
+                    )
+                }
+                None => (lighting, lights, input.indirect_light),
+            };
+            let surface_light = SurfaceLight::new(lighting, lights, indirect);
             if self.settings.in_background
                 && let Ok(mut newest) = self.newest_light.try_lock()
             {
                 newest.get_or_insert_default().keep(&surface_light);
+            }
+            if input.is_start {
+                light.start_again(queue);
             }
             if light.collect(queue) {
                 let compact = &mut self.compact_lights;

@@ -276,11 +276,7 @@ impl CachedLight {
         if self.is_apart == apart {
             return;
         }
-        if self.work.is_none()
-            && let Some(Ok(work)) = self.worker.as_ref().map(|worker| worker.back.recv())
-        {
-            self.work = Some(work);
-        }
+        self.wait();
         self.is_apart = apart;
         self.is_overwritten = true;
         self.renewed_lights = None;
@@ -308,6 +304,22 @@ impl CachedLight {
             placed.for_each(|(part, world)| work.cache.place(part, world));
         }
         true
+    }
+
+    /// Waits for an update that is under way, and has the next one made at once.
+    pub fn start_again(&mut self, queue: &wgpu::Queue) {
+        self.wait();
+        self.collect(queue);
+        self.is_empty = true;
+    }
+
+    /// Waits for an update that is under way.
+    fn wait(&mut self) {
+        if self.work.is_none()
+            && let Some(Ok(work)) = self.worker.as_ref().map(|worker| worker.back.recv())
+        {
+            self.work = Some(work);
+        }
     }
 
     /// Has the visibility of the lights `renewed` found again and the atlas brought up to date with

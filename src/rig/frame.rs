@@ -43,6 +43,11 @@ pub struct PreparedFrame {
     pub seconds: f64,
     /// The light.
     pub light: LightState,
+    /// The light at the instant at which the next picture is expected, where pictures are not
+    /// reproducible.
+    pub coming_light: Option<LightState>,
+    /// Whether a recording starts again with it, or goes on at another place.
+    pub is_start: bool,
     /// Duration of decoding.
     pub decoding: Duration,
     /// Duration of the estimate of its light.

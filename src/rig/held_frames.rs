@@ -22,16 +22,20 @@ impl HeldFrames {
         self.frames.push_back(frame);
     }
 
-    /// Returns the first frame if `is_settled` is true of its instant, or if the frames take too
-    /// much memory.
-    pub fn pop(
-        &mut self,
-        is_settled: impl FnOnce(MonotonicTime) -> bool,
-    ) -> Option<Box<PreparedFrame>> {
-        let first = self.frames.front()?;
-        if self.bytes <= MAX_BYTES && !is_settled(first.frame.captured_at) {
-            return None;
-        }
+    /// Returns the instant of the first frame, and by how much the last one is later, nanoseconds.
+    pub fn span(&self) -> Option<(MonotonicTime, i64)> {
+        let at = |frame: &PreparedFrame| frame.frame.captured_at;
+        let (first, last) = (at(self.frames.front()?), at(self.frames.back()?));
+        Some((first, last.nanos_since(first)))
+    }
+
+    /// Whether the frames take too much memory.
+    pub const fn is_full(&self) -> bool {
+        self.bytes > MAX_BYTES
+    }
+
+    /// Returns the first frame.
+    pub fn pop(&mut self) -> Option<Box<PreparedFrame>> {
         let frame = self.frames.pop_front()?;
         self.bytes -= frame.picture.rgba.len();
         Some(frame)

@@ -2,8 +2,8 @@
 //! picture, finds the camera's pose and requests the frame's light. Frames of a recording that is
 //! replayed at full speed or to files then wait until the next environment picture, too, has been
 //! read, between which and the one before the light is interpolated. The result does not depend on
-//! the consumer's timing, so the same recording gives the same pictures. At its own rate a
-//! recording is lit as a live rig is: it never waits for light.
+//! the consumer's timing, so the same recording gives the same pictures. At its own rate a recording
+//! is read ahead of what is shown, so that most frames have that light, too; none waits for it longer.
 
 use crate::display::{DisplayLatency, DisplayPredictor};
 use crate::error::RigError;
@@ -56,6 +56,14 @@ const MOTION_NANOS: i64 = 10_000_000;
 const EXPOSURE_SECONDS: RangeInclusive<f64> = 1e-6..=1.0;
 /// Maximum number of frames that wait for the compositor.
 const MAX_FRAMES_AHEAD: usize = 1;
+/// By how much a recording that is watched at its own rate is read ahead of what is shown, seconds of
+/// the recording: the time between two environment pictures of three exposures and a light estimate
+/// on a slow machine.
+const AHEAD_SECONDS: f64 = 0.8;
+/// The same, at most, while the first light of the recording is estimated.
+const MAX_AHEAD_SECONDS: f64 = 3.0;
+/// Maximum time from a picture to the next one whose light is wanted beforehand, nanoseconds.
+const MAX_COMING_NANOS: i64 = 200_000_000;
 /// Maximum number of recycled pictures: those of the frames between two environment pictures.
 const MAX_RECYCLED: usize = 16;
 
@@ -191,6 +199,12 @@ impl Preparation {
             stop,
             first_captured_at: None,
             held: HeldFrames::default(),
+            last_sent: None,
+            starts: false,
+            shows_at_once: source.is_live() || is_paced(config),
+            ahead: is_paced(config)
+                .then_some(Ahead::First)
+                .filter(|_| !source.is_live()),
         };
         let thread = threads::spawn("prepare", move || worker.run())
             .map_err(|source| RigError::Thread { source })?;
@@ -263,6 +277,25 @@ struct Worker {
     first_captured_at: Option<MonotonicTime>,
     /// Frames that wait for the light of their instant.
     held: HeldFrames,
+    /// The instant of the last frame that was sent.
+    last_sent: Option<MonotonicTime>,
+    /// Whether the next frame does not follow the last one in time.
+    starts: bool,
+    /// Whether pictures are for eyes only, and need not be reproducible.
+    shows_at_once: bool,
+    /// How far a recording that is watched at its own rate has come; `None` for others.
+    ahead: Option<Ahead>,
+}
+
+/// How far a recording that is read ahead of what is shown has come.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Ahead {
+    /// Its first frame ever is to be shown as soon as it has any light.
+    First,
+    /// The next frame waits for the light of its instant.
+    Starting,
+    /// Frames follow at the recording's rate.
+    Running,
 }
 
 impl Worker {
@@ -270,7 +303,13 @@ impl Worker {
     fn run(&mut self) {
         self.restart();
         loop {
-            if !(self.run_once() && (self.transport.wants_jump() || self.release(true))) {
+            if !self.run_once() {
+                return;
+            }
+            if self.ahead.is_some() {
+                self.lights.wait();
+            }
+            if !(self.transport.wants_jump() || self.release(true)) {
                 return;
             }
             if self.transport.wants_jump() {
@@ -324,8 +363,13 @@ impl Worker {
     /// Forgets the frames before.
     fn restart(&mut self) {
         self.held = HeldFrames::default();
-        self.last_pose = None;
+        (self.last_pose, self.last_sent) = (None, None);
+        self.starts = true;
         self.lights.restart();
+        self.ahead = self.ahead.map(|ahead| match ahead {
+            Ahead::First => Ahead::First,
+            Ahead::Starting | Ahead::Running => Ahead::Starting,
+        });
         if let Some(pace) = &mut self.pace {
             pace.restart();
         }
@@ -382,12 +426,17 @@ impl Worker {
     /// Sends the frames whose light is known, or `all`, at their time; false if nobody takes them
     /// any more.
     fn release(&mut self, all: bool) -> bool {
-        while let Some(mut frame) = self.held.pop(|at| all || self.lights.is_settled(at)) {
+        while self.may_go(all)
+            && let Some(mut frame) = self.held.pop()
+        {
             if self.transport.wants_jump() {
                 return true;
             }
             self.follow_pauses();
-            frame.light = self.lights.light_at(frame.frame.captured_at);
+            let captured_at = frame.frame.captured_at;
+            frame.light = self.lights.light_at(captured_at);
+            frame.coming_light = self.coming_light(captured_at);
+            frame.is_start = std::mem::take(&mut self.starts);
             let arrived_at = frame.frame.scene.arrived_at;
             let is_due = |pace: &mut Pace| pace.wait(arrived_at, &self.stop);
             let event = if self.pace.as_mut().is_none_or(is_due) {
@@ -395,11 +444,64 @@ impl Worker {
             } else {
                 PreparationEvent::Skipped
             };
+            if matches!(event, PreparationEvent::Frame(_)) {
+                self.last_sent = Some(captured_at);
+            }
             if !self.send(event) {
                 return false;
             }
         }
         true
+    }
+
+    /// Returns the light of the picture that follows the one captured at `at` as that one follows the
+    /// one before.
+    fn coming_light(&mut self, at: MonotonicTime) -> Option<LightState> {
+        if !self.shows_at_once {
+            return None;
+        }
+        let interval = at.nanos_since(self.last_sent?);
+        (1..=MAX_COMING_NANOS)
+            .contains(&interval)
+            .then(|| self.lights.coming_light(at.offset_nanos(interval)))
+    }
+
+    /// Returns whether the first frame that waits is to be sent, or `all` are.
+    fn may_go(&mut self, all: bool) -> bool {
+        let Some((first, span)) = self.held.span() else {
+            return false;
+        };
+        if all || self.held.is_full() {
+            return true;
+        }
+        let Some(ahead) = self.ahead else {
+            return self.lights.is_settled(first);
+        };
+        let is_read = |seconds: f64| span as f64 * 1e-9 >= seconds;
+        let goes = match ahead {
+            Ahead::First => true,
+            Ahead::Running => is_read(AHEAD_SECONDS),
+            Ahead::Starting => {
+                if is_read(AHEAD_SECONDS) && !self.lights.is_settled(first) {
+                    self.lights.wait();
+                }
+                let is_settled = self.lights.is_settled(first);
+                is_read(AHEAD_SECONDS) && is_settled || is_read(MAX_AHEAD_SECONDS)
+            }
+        };
+        if goes && ahead != Ahead::Running {
+            // The frame after the first one, too, is shown late.
+            if let Some(pace) = &mut self.pace {
+                pace.restart();
+            }
+            let is_first = ahead == Ahead::First;
+            self.ahead = Some(if is_first {
+                Ahead::Starting
+            } else {
+                Ahead::Running
+            });
+        }
+        goes
     }
 
     /// Sends an event; false if nobody takes it any more.
@@ -477,6 +579,8 @@ impl Worker {
             display,
             tracker_sigma,
             light: LightState::default(),
+            coming_light: None,
+            is_start: false,
             decoding,
             lighting: light.took,
             preview: light.preview.take(),
@@ -704,8 +808,7 @@ fn light_scheduler(
     let updater = LightUpdater::new(estimator, requested, technique, frequency, scene_updates);
     match source {
         Source::Live(_) => LightScheduler::live(updater),
-        // Nothing but eyes follows it, and they would rather not wait.
-        Source::Recorded(_) if is_paced(config) => LightScheduler::live(updater),
+        Source::Recorded(_) if is_paced(config) => LightScheduler::watched(updater),
         Source::Recorded(_) if pairs_as_live(config, source) => {
             Ok(LightScheduler::from_journal(updater))
         }

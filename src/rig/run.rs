@@ -9,7 +9,6 @@ use crate::display::DisplayLatency;
 use crate::error::RigError;
 use crate::frame::{Counts, PreparedFrame};
 use crate::latency_monitor::LatencyState;
-use crate::light::blended::LightSpan;
 use crate::light::state::LightState;
 use crate::light::updates::SceneUpdates;
 use crate::picture_problems::PictureProblems;
@@ -24,7 +23,7 @@ use crate::settings::{compositor_settings, exposure, live_settings, look};
 use crate::source::Source;
 use crate::status as published;
 use crate::status::Published;
-use penumbra_compositor::{Compositor, FrameInput, Gpu, LensOutput, Refresh};
+use penumbra_compositor::{ComingLight, Compositor, FrameInput, Gpu, LensOutput, Refresh};
 use penumbra_config::Distortion;
 use penumbra_config::Technique;
 use penumbra_interface::{Clock, DeviceKind, SystemClock};
@@ -32,7 +31,7 @@ use penumbra_lighting::{BrightestFollower, BrightestLight};
 use penumbra_output::Screen;
 use penumbra_output::files::FrameFolder;
 use penumbra_picture::{Picture, PictureError};
-use penumbra_scene::PlacedLamp;
+use penumbra_scene::{IndirectLight, PlacedLamp};
 use penumbra_status::RegistrationSource;
 use penumbra_status::snapshot::SessionState;
 use penumbra_status::{Playback, Settings, StageTimes};
@@ -67,6 +66,12 @@ fn compositor(context: &RunContext, gpu: Gpu, writes_files: bool) -> Compositor 
         Distortion::Undistorted => LensOutput::Undistorted,
     });
     compositor
+}
+
+/// Returns the indirect light to be shown.
+fn indirect<'a>(light: &'a LightState, settings: &Settings) -> Option<&'a IndirectLight> {
+    let light = light.indirect.as_deref();
+    light.filter(|_| settings.indirect_light)
 }
 
 /// Returns where a recording wants the composited pictures.
@@ -430,6 +435,8 @@ impl Run {
         let refresh = context.config.shadows.refresh_per_frame;
         let scene = self.scenes.shown();
         scene.lamps_at(prepared.seconds, &mut self.lamps);
+        // A picture that is composed again stands still: its own light is the next one's.
+        let coming = prepared.coming_light.as_ref().filter(|_| !self.is_again);
         self.compositor.compose(&FrameInput {
             seconds: prepared.seconds,
             picture: &prepared.picture,
@@ -439,12 +446,14 @@ impl Run {
             world_from_camera: prepared.world_from_camera,
             reprojection: prepared.display.map(|display| display.reprojection),
             lighting: prepared.light.lighting.as_deref(),
-            light_span: prepared.light.span.as_ref().map(LightSpan::ends),
-            indirect_light: prepared
-                .light
-                .indirect
-                .as_deref()
-                .filter(|_| settings.indirect_light),
+            indirect_light: indirect(&prepared.light, settings),
+            coming_light: coming.and_then(|light| {
+                Some(ComingLight {
+                    lighting: light.lighting.as_deref()?,
+                    indirect: indirect(light, settings),
+                })
+            }),
+            is_start: prepared.is_start && !self.is_again,
             lamps: &self.lamps,
             lamp_response: settings.lamp_response,
             brightest: self.brightest.vector(),

@@ -33,7 +33,7 @@ fn lower_priority() {
 /// Added to the thread's niceness. At 10 the thread still gets a tenth of a busy core; at 19 it
 /// would get a seventieth, so that the light estimate would lag on a busy machine.
 #[cfg(target_os = "linux")]
-const NICENESS: i32 = 10;
+const NICENESS: i32 = 5;
 
 /// Starts a named thread.
 ///

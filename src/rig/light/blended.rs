@@ -2,39 +2,12 @@
 
 use crate::light::state::LightState;
 use penumbra_interface::MonotonicTime;
-use penumbra_lighting::{Blender, Lighting};
+use penumbra_lighting::Blender;
 use penumbra_scene::IndirectLightBlender;
-use std::sync::Arc;
 
 /// Maximum time between two environment pictures between which light is interpolated,
 /// nanoseconds. After a longer pause the light jumps.
 pub(crate) const MAX_INTERVAL_NANOS: i64 = 2_000_000_000;
-
-/// The lights between which a frame's light is interpolated.
-#[derive(Clone)]
-pub struct LightSpan {
-    /// The light at weight 0.
-    pub from: Arc<Lighting>,
-    /// The light at weight 1.
-    pub to: Arc<Lighting>,
-    /// Share of `to`, 0 to 1.
-    pub weight: f32,
-    /// Time between the environment pictures of both, nanoseconds; `None` where the light is not
-    /// interpolated: there is one, it jumps, or newer pictures are missing.
-    pub interval_nanos: Option<i64>,
-}
-
-impl LightSpan {
-    /// Returns both ends for the compositor.
-    #[must_use]
-    pub fn ends(&self) -> penumbra_compositor::LightSpan<'_> {
-        penumbra_compositor::LightSpan {
-            from: &self.from,
-            to: &self.to,
-            weight: self.weight,
-        }
-    }
-}
 
 /// Two states and a weight.
 #[derive(Clone, Copy)]
@@ -42,7 +15,6 @@ pub(crate) struct Blend<'a> {
     pub from: &'a LightState,
     pub to: &'a LightState,
     pub weight: f32,
-    pub interval_nanos: Option<i64>,
 }
 
 impl<'a> Blend<'a> {
@@ -52,7 +24,6 @@ impl<'a> Blend<'a> {
             from: state,
             to: state,
             weight: 1.0,
-            interval_nanos: None,
         }
     }
 }
@@ -68,12 +39,7 @@ impl LightMixer {
     /// Returns the light of a frame. Everything that is not interpolated (sources and white
     /// balance, for the status) is that of the later state, as soon as it has any share.
     pub fn mix(&mut self, blend: Blend<'_>) -> LightState {
-        let Blend {
-            from,
-            to,
-            weight,
-            interval_nanos,
-        } = blend;
+        let Blend { from, to, weight } = blend;
         let (Some(a), Some(b)) = (&from.lighting, &to.lighting) else {
             return to.clone();
         };
@@ -84,12 +50,6 @@ impl LightMixer {
         LightState {
             lighting: Some(self.lighting.blend(a, b, weight)),
             indirect,
-            span: Some(LightSpan {
-                from: Arc::clone(a),
-                to: Arc::clone(b),
-                weight,
-                interval_nanos,
-            }),
             ..if weight > 0.0 { to } else { from }.clone()
         }
     }

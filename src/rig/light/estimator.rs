@@ -448,7 +448,6 @@ impl LightEstimator {
         let estimator = self.estimator.as_ref();
         LightState {
             lighting: self.lighting.clone(),
-            span: None,
             indirect: self.indirect.light().map(|light| Arc::new(light.clone())),
             white_balance: Some(Arc::new(self.match_status())),
             sources: Arc::new(

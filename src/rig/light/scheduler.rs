@@ -1,16 +1,17 @@
 //! Selects the light in which each frame is composed and schedules light estimates.
 //!
 //! Without a journal each frame of a recording waits for the light of its instant, between the
-//! environment pictures before and after it. In a live rig, and where a recording is watched at its
-//! own rate, only the first frame waits: light is estimated on a low-priority thread, one frame at a time, and the light of the frames goes to
-//! the newest estimate that is finished when their pictures have been decoded. The
+//! environment pictures before and after it; where the recording is watched at its own rate, light is
+//! estimated on a low-priority thread as in a live rig, and frames wait for a limited time. In a live
+//! rig only the first frame waits: the light of the frames goes to the newest estimate that is
+//! finished when their pictures have been decoded. The
 //! estimate depends on earlier frames, so the journal records which frames it used and when each
 //! result became active. A replay repeats this: it estimates light from the same frames in the
 //! same order and holds each result back until the frame that was first composed in it.
 
 use crate::error::RigError;
 use crate::journal::JournalEntry;
-use crate::light::state::{ActiveLight, LightRequest, LightResult, LightState};
+use crate::light::state::{ActiveLight, LightRequest, LightResult, LightState, Lights};
 use crate::light::worker::{LightUpdater, LightWorker};
 use penumbra_interface::MonotonicTime;
 use penumbra_picture::Picture;
@@ -26,8 +27,8 @@ pub(crate) struct LightScheduler {
 enum Mode {
     /// Each frame waits for the light of its instant.
     PerFrame(Box<LightUpdater>),
-    /// Live: as soon as it is finished.
-    Live(LightWorker),
+    /// Live, or a recording at its own rate: as soon as it is finished.
+    Thread(LightWorker),
     /// Replay of a live rig: at the frame at which it became active live.
     FromJournal {
         updater: Box<LightUpdater>,
@@ -59,7 +60,19 @@ impl LightScheduler {
     /// # Errors
     /// The system cannot start a thread.
     pub fn live(updater: LightUpdater) -> Result<Self, RigError> {
-        Ok(Self::new(Mode::Live(LightWorker::start(updater)?)))
+        Ok(Self::new(Mode::Thread(LightWorker::start(updater)?)))
+    }
+
+    /// Creates a scheduler for a recording that is watched at its own rate, with light estimates on
+    /// their own thread.
+    ///
+    /// # Errors
+    /// The system cannot start a thread.
+    pub fn watched(updater: LightUpdater) -> Result<Self, RigError> {
+        Ok(Self {
+            mode: Mode::Thread(LightWorker::start(updater)?),
+            active: ActiveLight::exact(),
+        })
     }
 
     fn new(mode: Mode) -> Self {
@@ -83,7 +96,7 @@ impl LightScheduler {
                 self.active.activate(result, request.captured_at);
                 None
             }
-            Mode::Live(worker) => Some(worker.schedule(&mut self.active, request, picture)),
+            Mode::Thread(worker) => Some(worker.schedule(&mut self.active, request, picture)),
             Mode::FromJournal { updater, held } => {
                 let estimate = || updater.estimate(request, picture);
                 let at = [request.arrived_at, request.captured_at];
@@ -95,12 +108,17 @@ impl LightScheduler {
 
     /// Returns the active light after the last [`Self::schedule`]. Waits for the first estimate.
     pub fn active_light(&mut self) -> &mut ActiveLight {
-        if let Mode::Live(worker) = &mut self.mode
-            && self.active.is_missing()
-        {
-            worker.wait(&mut self.active);
+        if self.active.is_missing() {
+            self.wait();
         }
         &mut self.active
+    }
+
+    /// Waits for the light estimate in progress, if there is one.
+    pub fn wait(&mut self) {
+        if let Mode::Thread(worker) = &mut self.mode {
+            worker.wait(&mut self.active);
+        }
     }
 
     /// Returns whether the light of the picture captured at `at` is known. If not, later pictures
@@ -114,12 +132,23 @@ impl LightScheduler {
         self.active.at(at)
     }
 
+    /// Returns the light at an instant after that of the last [`Self::light_at`], as far as it is
+    /// known.
+    pub fn coming_light(&mut self, at: MonotonicTime) -> LightState {
+        self.active.coming(at)
+    }
+
     /// Forgets the lights of a recording that starts again.
     pub fn restart(&mut self) {
-        if let Mode::PerFrame(updater) = &mut self.mode {
-            updater.restart();
-            self.active.lights = ActiveLight::exact().lights;
+        if matches!(self.active.lights, Lights::Delayed(_)) {
+            return;
         }
+        match &mut self.mode {
+            Mode::PerFrame(updater) => updater.restart(),
+            Mode::Thread(worker) => worker.restart(),
+            Mode::FromJournal { .. } => (),
+        }
+        self.active.lights = ActiveLight::exact().lights;
     }
 }
 

@@ -1,7 +1,7 @@
 //! The data between the frame loop and the light worker: request, result, active light.
 
 use crate::light::agreement::PictureAgreement;
-use crate::light::blended::{Blend, LightMixer, LightSpan};
+use crate::light::blended::{Blend, LightMixer};
 use crate::light::bracket_response::ExposureAgreement;
 use crate::light::timeline::LightTimeline;
 use crate::light::transition::LightTransition;
@@ -81,8 +81,6 @@ pub(crate) const STATED_AT: MonotonicTime = MonotonicTime::from_nanos(i64::MAX);
 pub struct LightState {
     /// Light of the distant environment.
     pub lighting: Option<Arc<Lighting>>,
-    /// The lights between which it was interpolated for a frame; `None` in an estimate.
-    pub span: Option<LightSpan>,
     /// Indirect light: light that virtual objects reflect onto the scene and each other.
     pub indirect: Option<Arc<IndirectLight>>,
     /// State of the white balance between the cameras.
@@ -122,6 +120,7 @@ pub(crate) struct ActiveLight {
     /// The estimates from which the light of a frame is interpolated.
     pub lights: Lights,
     mixer: LightMixer,
+    coming: LightMixer,
     /// Arrival of the picture from which the newest was estimated.
     pub picture_arrived_at: Option<MonotonicTime>,
     /// Duration of the estimate.
@@ -170,7 +169,16 @@ impl Lights {
         }
     }
 
-    fn blend_at(&mut self, at: MonotonicTime) -> Option<Blend<'_>> {
+    /// Goes on to the picture captured at `at`.
+    fn advance(&mut self, at: MonotonicTime) {
+        match self {
+            Self::Exact(lights) => lights.advance(at),
+            Self::Delayed(lights) => lights.advance(at),
+        }
+    }
+
+    /// Returns the light of a picture captured at `at` or, as far as it is known, later.
+    fn blend_at(&self, at: MonotonicTime) -> Option<Blend<'_>> {
         match self {
             Self::Exact(lights) => lights.blend_at(at),
             Self::Delayed(lights) => lights.blend_at(at),
@@ -205,7 +213,14 @@ impl ActiveLight {
 
     /// Returns the light of the picture captured at `at`.
     pub fn at(&mut self, at: MonotonicTime) -> LightState {
+        self.lights.advance(at);
         let blend = self.lights.blend_at(at);
         blend.map_or_else(LightState::default, |blend| self.mixer.mix(blend))
+    }
+
+    /// Returns the light at the later instant `at`, as far as it is known.
+    pub fn coming(&mut self, at: MonotonicTime) -> LightState {
+        let blend = self.lights.blend_at(at);
+        blend.map_or_else(LightState::default, |blend| self.coming.mix(blend))
     }
 }

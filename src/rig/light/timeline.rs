@@ -36,28 +36,33 @@ impl LightTimeline {
         newest.is_none_or(|newest| at <= newest || at.nanos_since(newest) > MAX_INTERVAL_NANOS)
     }
 
-    /// Returns the light at `at`, no earlier than in the last call: before the first light this
-    /// one, and after the newest that one. Where the light jumps, it is that of the picture before.
-    pub fn blend_at(&mut self, at: MonotonicTime) -> Option<Blend<'_>> {
+    /// Forgets lights that are not needed at `at` or later.
+    pub fn advance(&mut self, at: MonotonicTime) {
         while let Some(second) = self.0.get(1).and_then(LightState::captured_at)
             && second <= at
         {
             self.0.pop_front();
         }
-        let from = self.0.front()?;
-        let Some(to) = self.0.get(1) else {
+    }
+
+    /// Returns the light at `at`, no earlier than that of the last [`Self::advance`]: before the first
+    /// light this one, and after the newest that one. Where the light jumps, it is that of the picture
+    /// before.
+    pub fn blend_at(&self, at: MonotonicTime) -> Option<Blend<'_>> {
+        let is_over = |state: &&LightState| state.captured_at().is_some_and(|then| then <= at);
+        let first = self.0.iter().skip(1).take_while(is_over).count();
+        let from = self.0.get(first)?;
+        let Some(to) = self.0.get(first + 1) else {
             return Some(Blend::single(from));
         };
-        let interval_nanos = interval(from, to);
+        if interval(from, to).is_none() {
+            return Some(Blend::single(from));
+        }
         let ends = [from.captured_at()?, to.captured_at()?];
-        Some(match interval_nanos {
-            Some(_) => Blend {
-                from,
-                to,
-                weight: share(at, ends),
-                interval_nanos,
-            },
-            None => Blend::single(from),
+        Some(Blend {
+            from,
+            to,
+            weight: share(at, ends),
         })
     }
 }
@@ -68,6 +73,7 @@ mod tests {
     use crate::light::scheduler::tests::{at, light_state, total};
 
     fn flux_at(timeline: &mut LightTimeline, millis: i64) -> Option<f32> {
+        timeline.advance(at(millis));
         let blend = timeline.blend_at(at(millis))?;
         Some(total(blend.from) * (1.0 - blend.weight) + total(blend.to) * blend.weight)
     }
@@ -87,6 +93,18 @@ mod tests {
         }
         // The last is held, without waiting for ever.
         assert!(timeline.is_settled(at(2301)));
+    }
+
+    #[test]
+    fn later_light_is_known_before_earlier_light_is_forgotten() {
+        let mut timeline = LightTimeline::default();
+        for (millis, flux) in [(100, 1.0), (200, 1.1), (300, 1.05)] {
+            timeline.push(light_state(millis, flux));
+        }
+        assert!((flux_at(&mut timeline, 120).unwrap() - 1.02).abs() < 1e-6);
+        let later = timeline.blend_at(at(250)).unwrap();
+        assert_eq!((total(later.from), total(later.to)), (1.1, 1.05));
+        assert!((flux_at(&mut timeline, 150).unwrap() - 1.05).abs() < 1e-6);
     }
 
     #[test]

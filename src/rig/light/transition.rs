@@ -81,7 +81,7 @@ impl LightTransition {
     }
 
     /// Starts the next interpolation if the last one has ended.
-    fn advance(&mut self, at: MonotonicTime) {
+    pub fn advance(&mut self, at: MonotonicTime) {
         if at >= self.ends[1]
             && let Some((state, due)) = self.pending.take()
         {
@@ -90,18 +90,24 @@ impl LightTransition {
         }
     }
 
-    /// Returns the light of the picture captured at `at`.
-    pub fn blend_at(&mut self, at: MonotonicTime) -> Option<Blend<'_>> {
-        self.advance(at);
+    /// Returns the light of a picture captured at `at`, no earlier than that of the last
+    /// [`Self::advance`].
+    pub fn blend_at(&self, at: MonotonicTime) -> Option<Blend<'_>> {
         let to = self.to.as_ref()?;
-        let Some(from) = &self.from else {
+        let (from, to, ends) = match &self.pending {
+            Some((next, due)) if at >= self.ends[1] => {
+                let starts = self.ends[1];
+                (Some(to), next, [starts, (*due).max(starts)])
+            }
+            _ => (self.from.as_ref(), to, self.ends),
+        };
+        let Some(from) = from else {
             return Some(Blend::single(to));
         };
         Some(Blend {
             from,
             to,
-            weight: share(at, self.ends),
-            interval_nanos: Some(self.intervals.median()),
+            weight: share(at, ends),
         })
     }
 }
@@ -134,6 +140,7 @@ mod tests {
     use crate::light::scheduler::tests::{at, light_state, total};
 
     fn flux_at(light: &mut LightTransition, millis: i64) -> f32 {
+        light.advance(at(millis));
         let blend = light.blend_at(at(millis)).unwrap();
         total(blend.from) * (1.0 - blend.weight) + total(blend.to) * blend.weight
     }
@@ -199,6 +206,22 @@ mod tests {
             );
         }
         assert!((flux_at(&mut light, 500) - 1.1).abs() < 1e-6);
+    }
+
+    #[test]
+    fn later_light_is_known_as_far_as_it_is_estimated() {
+        let mut light = LightTransition::default();
+        light.push(light_state(0, 1.0), at(30));
+        light.push(light_state(100, 1.2), at(130));
+        light.push(light_state(200, 1.0), at(150));
+        let coming: Vec<f32> = [200, 300, 400]
+            .map(|millis| {
+                let blend = light.blend_at(at(millis)).unwrap();
+                total(blend.from) * (1.0 - blend.weight) + total(blend.to) * blend.weight
+            })
+            .to_vec();
+        let shown: Vec<f32> = [200, 300, 400].map(|t| flux_at(&mut light, t)).to_vec();
+        assert_eq!(coming, shown);
     }
 
     #[test]

@@ -147,6 +147,8 @@ impl LightUpdater {
 pub(crate) struct LightJob {
     pub(super) request: LightRequest,
     pub(super) picture: Picture,
+    /// Whether a recording has started again since the last job.
+    pub(super) restarts: bool,
 }
 
 /// The thread that estimates light, with its channels. Dropping it ends the thread.
@@ -155,6 +157,8 @@ pub(crate) struct LightWorker {
     pub(super) finished: Receiver<(LightResult, LightJob)>,
     /// Whether the thread has no job.
     pub(super) is_idle: bool,
+    /// Whether a recording has started again since the last job.
+    pub(super) restarts: bool,
     /// Recycled buffer for the next job's picture.
     pub(super) recycled: Picture,
     pub(super) thread: Option<JoinHandle<()>>,
@@ -170,6 +174,9 @@ impl LightWorker {
         let (done, finished) = bounded(1);
         let work = move || {
             for job in waiting {
+                if job.restarts {
+                    updater.restart();
+                }
                 let light = updater.estimate(&job.request, &job.picture);
                 if done.send((light, job)).is_err() {
                     return;
@@ -181,6 +188,7 @@ impl LightWorker {
             jobs: Some(jobs),
             finished,
             is_idle: true,
+            restarts: false,
             recycled: Picture::default(),
             thread: Some(thread.map_err(|source| RigError::Thread { source })?),
         })
@@ -216,6 +224,7 @@ impl LightWorker {
         let job = LightJob {
             request: request.clone(),
             picture: copy,
+            restarts: std::mem::take(&mut self.restarts),
         };
         let jobs = self.jobs.as_ref();
         let sent = jobs.is_some_and(|jobs| jobs.send(job).is_ok());
@@ -232,6 +241,17 @@ impl LightWorker {
         active.activate(light, at);
         self.recycled = job.picture;
         self.is_idle = true;
+    }
+
+    /// Starts a recording again: the light of a job in progress is dropped.
+    pub fn restart(&mut self) {
+        if !self.is_idle
+            && let Ok((_, job)) = self.finished.recv()
+        {
+            self.recycled = job.picture;
+            self.is_idle = true;
+        }
+        self.restarts = true;
     }
 
     /// Waits for the job in progress and activates its light.

@@ -213,6 +213,7 @@ fn active_light_lets_frames_pass_with_one_estimate_at_a_time() {
         jobs: Some(jobs),
         finished,
         is_idle: true,
+        restarts: false,
         recycled: Picture::default(),
         thread: None,
     };
@@ -232,8 +233,17 @@ fn active_light_lets_frames_pass_with_one_estimate_at_a_time() {
     assert_eq!(schedule(3), record(true, 1));
     assert_eq!(schedule(4), record(false, 1));
     assert!(begun.elapsed() < Duration::from_secs(5));
+    // A light of the recording's end is none of its beginning.
+    let job = waiting.try_recv().unwrap();
+    assert!(!job.restarts && done.send((light_of(3), job)).is_ok());
+    worker.restart();
+    assert_eq!(light_number(&active), Some(1));
+    let mut schedule = |number| worker.schedule(&mut active, &request(number), &picture());
+    assert_eq!(schedule(0), record(true, 1));
+    let job = waiting.try_recv().unwrap();
+    assert!(job.restarts && done.send((light_of(0), job)).is_ok());
     // The thread has ended; the light stays active.
     drop((waiting, done));
-    assert_eq!(schedule(5), record(false, 1));
-    assert_eq!(light_number(&active), Some(1));
+    assert_eq!(schedule(5), record(false, 0));
+    assert_eq!(light_number(&active), Some(0));
 }
