@@ -199,6 +199,15 @@ impl Compositor {
         Pipelines::new(&self.gpu.device, frame, &self.layouts, self.variant)
     }
 
+    /// Virtual parts, by number, whose surfaces are too rough to keep light on: nothing casts a shadow
+    /// on them.
+    #[must_use]
+    pub fn without_shadows(&self) -> &[usize] {
+        self.surface_light
+            .as_ref()
+            .map_or(&[], CachedLight::left_out)
+    }
+
     /// Replaces the scene by one that was uploaded before.
     pub fn show_scene(&mut self, scene: UploadedScene) {
         self.scene = scene.buffers;

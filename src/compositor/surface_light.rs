@@ -164,6 +164,8 @@ pub struct CachedLight {
     /// Placements of moving parts that came while the worker had the cache.
     placed: Vec<(usize, DMat4)>,
     pages: Arc<[ReceiverPage]>,
+    /// Virtual parts without pages.
+    left_out: Vec<usize>,
     /// Bounds of the shadowed pages that are in the atlas.
     shadowed: Vec<Bounds>,
     atlas: CacheAtlas,
@@ -191,6 +193,11 @@ impl CachedLight {
     ) -> (Self, CacheTextures) {
         let is_summed = cache.is_summed();
         let pages: Arc<[ReceiverPage]> = cache.receiver_pages().into();
+        let left_out = cache.left_out().filter_map(|layer| match layer {
+            Layer::Virtual(part) => Some(part),
+            Layer::Phantom(_) => None,
+        });
+        let left_out = left_out.collect();
         let count = pages.len();
         let atlas = CacheAtlas::new(device, count);
         let cells = cache.table();
@@ -216,6 +223,7 @@ impl CachedLight {
             placed: Vec::new(),
             shadowed: Vec::with_capacity(count),
             pages,
+            left_out,
             atlas,
             is_apart: false,
             is_overwritten: true,
@@ -233,6 +241,11 @@ impl CachedLight {
     /// The pages by number, as they lay when the cache was made.
     pub const fn pages(&self) -> &Arc<[ReceiverPage]> {
         &self.pages
+    }
+
+    /// Virtual parts that keep no light.
+    pub fn left_out(&self) -> &[usize] {
+        &self.left_out
     }
 
     /// The atlas.

@@ -118,6 +118,7 @@ impl Scenes {
         if planes.update(context, settings, scenes, lighting, compositor)?
             && let Some(next) = self.next.take()
         {
+            let left_out = left_out(&self.shown, compositor);
             compositor.show_scene(next.uploaded);
             self.scene_updates.set_scene(next.light);
             let old = std::mem::replace(&mut self.shown, next.scene);
@@ -126,8 +127,7 @@ impl Scenes {
                 self.status.loads += 1;
                 self.status.file = next.origin.label();
                 context.status.update(|s| {
-                    let large = large_textures(&old, compositor);
-                    let warnings = old.warnings.iter().chain(&large);
+                    let warnings = old.warnings.iter().chain(&left_out);
                     warnings.for_each(|text| s.clear_warning(text));
                 });
                 publish_warnings(context, &self.shown, compositor);
@@ -203,10 +203,33 @@ fn large_textures(scene: &Scene, compositor: &Compositor) -> Vec<String> {
     warnings
 }
 
+/// Returns warnings about the parts whose surfaces are too rough for shadows on them.
+fn without_shadows<'a>(
+    scene: &'a Scene,
+    compositor: &'a Compositor,
+) -> impl Iterator<Item = String> + 'a {
+    let parts = compositor.without_shadows().iter();
+    let parts = parts.filter_map(|part| scene.virtual_parts.get(*part));
+    parts.map(|part| {
+        format!(
+            "{}: the surface is too rough for shadows on it at this quality, and is shown without; smooth \
+             the mesh, give it fewer triangles, or set picture.quality = \"best\"",
+            part.name
+        )
+    })
+}
+
+/// Returns warnings about what the compositor leaves out of a scene that it shows.
+fn left_out(scene: &Scene, compositor: &Compositor) -> Vec<String> {
+    let mut warnings = large_textures(scene, compositor);
+    warnings.extend(without_shadows(scene, compositor));
+    warnings
+}
+
 /// Publishes the warnings of a scene.
 fn publish_warnings(context: &RunContext, scene: &Scene, compositor: &Compositor) {
-    let large = large_textures(scene, compositor);
-    for text in scene.warnings.iter().chain(&large) {
+    let left_out = left_out(scene, compositor);
+    for text in scene.warnings.iter().chain(&left_out) {
         tracing::warn!("{text}");
         context.status.update(|s| s.warn(text));
     }

@@ -166,6 +166,13 @@ impl SurfaceCache {
         .collect()
     }
 
+    /// The parts that keep no light: their surfaces are so rough that they have more charts than there
+    /// are pages.
+    pub fn left_out(&self) -> impl Iterator<Item = Layer> {
+        let left_out = self.layout.left_out.iter();
+        left_out.map(|r| self.parts[*r].layer)
+    }
+
     /// Length of the finest texels, metres.
     #[must_use]
     pub fn texel(&self) -> f32 {

@@ -103,13 +103,17 @@ impl View {
             let own = dot(simd, p, axis);
             simd.sub_f32s(own, simd.splat_f32s(axis.dot(place.reference)))
         };
-        let [mut x, mut y, mut away] = [self.right, self.up, -to_light].map(along);
+        // No closures over arrays: they would be compiled for the oldest processors.
+        let (mut x, mut y) = (along(self.right), along(self.up));
+        let mut away = along(-to_light);
         if self.is_near() {
             let (one, least) = (simd.splat_f32s(1.0), simd.splat_f32s(LEAST_W));
             let nearness = simd.splat_f32s(place.inverse_distance);
             let w = simd.add_f32s(one, simd.mul_f32s(nearness, away));
             let inverse = simd.div_f32s(one, simd.max_f32s(w, least));
-            [x, y, away] = [x, y, away].map(|x| simd.mul_f32s(x, inverse));
+            x = simd.mul_f32s(x, inverse);
+            y = simd.mul_f32s(y, inverse);
+            away = simd.mul_f32s(away, inverse);
         }
         let texel = |x, low: f32| {
             let own = simd.sub_f32s(x, simd.splat_f32s(low));

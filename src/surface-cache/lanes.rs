@@ -45,8 +45,8 @@ pub fn dot<S: Simd>(simd: S, [x, y, z]: [S::f32s; 3], with: glam::Vec3) -> S::f3
 /// The dot product of vectors in lanes.
 #[inline(always)]
 pub fn dot_each<S: Simd>(simd: S, a: [S::f32s; 3], b: [S::f32s; 3]) -> S::f32s {
-    let [x, y, z] = [0, 1, 2].map(|k| simd.mul_f32s(a[k], b[k]));
-    simd.add_f32s(simd.add_f32s(x, y), z)
+    let (x, y) = (simd.mul_f32s(a[0], b[0]), simd.mul_f32s(a[1], b[1]));
+    simd.add_f32s(simd.add_f32s(x, y), simd.mul_f32s(a[2], b[2]))
 }
 
 /// Rounds numbers of at most 2²² down; whole ones to themselves or to the next below.

@@ -169,6 +169,8 @@ pub struct Layout {
     pub pages: Vec<Page>,
     /// Rows of the table.
     pub table_rows: u32,
+    /// Receivers without pages, because all would be too many.
+    pub left_out: Vec<usize>,
 }
 
 impl Layout {
@@ -184,6 +186,8 @@ impl Layout {
 
     /// Divides the charts of `receivers` into at most `budget` pages, as fine as that allows; into
     /// up to twice as many where texels would be coarse. `casters` bounds the parts that cast shadows.
+    /// Where even the coarsest pages are too many, as in a rough scan, each triangle of which is a
+    /// chart, receivers get none, those with the most charts first: [`Self::left_out`].
     pub fn fitted(receivers: &[&Receiver], casters: &[Bounds], budget: usize) -> Self {
         let all = casters
             .iter()
@@ -192,16 +196,27 @@ impl Layout {
         if !extent.is_finite() || extent <= 0.0 {
             return Self::empty(receivers);
         }
-        let fit = |budget| Self::finest(receivers, casters, extent, budget);
-        fit(budget)
-            .filter(|layout| layout.texel < extent / COARSE)
-            .or_else(|| fit(2 * budget))
-            .unwrap_or_else(|| Self::empty(receivers))
+        let mut roughest: Vec<usize> = (0..receivers.len()).collect();
+        roughest.sort_by_key(|r| std::cmp::Reverse(receivers[*r].charts.len()));
+        let counts = std::iter::once(0).chain((0..).map(|power| 1 << power));
+        for count in counts.take_while(|count| *count < receivers.len()) {
+            let left_out = &roughest[..count];
+            let fit = |budget| Self::finest(receivers, left_out, casters, extent, budget);
+            let fine = fit(budget).filter(|layout| layout.texel < extent / COARSE);
+            if let Some(layout) = fine.or_else(|| fit(2 * budget)) {
+                return layout;
+            }
+        }
+        Self {
+            left_out: roughest,
+            ..Self::empty(receivers)
+        }
     }
 
     /// `None` if even the coarsest pages are more than `budget`.
     fn finest(
         receivers: &[&Receiver],
+        left_out: &[usize],
         casters: &[Bounds],
         extent: f32,
         budget: usize,
@@ -209,7 +224,7 @@ impl Layout {
         let mut texel = extent / 64.0;
         let mut best = None;
         while texel < extent && texel > extent / 2000.0 {
-            let layout = Self::new(receivers, casters, extent, texel, budget);
+            let layout = Self::new(receivers, left_out, casters, extent, texel, budget);
             let Some(layout) = layout else {
                 if best.is_some() {
                     break;
@@ -238,12 +253,14 @@ impl Layout {
                 .collect(),
             pages: Vec::new(),
             table_rows: 1,
+            left_out: Vec::new(),
         }
     }
 
     /// `None` if that takes more than `budget` pages.
     fn new(
         receivers: &[&Receiver],
+        left_out: &[usize],
         casters: &[Bounds],
         extent: f32,
         texel: f32,
@@ -260,6 +277,10 @@ impl Layout {
         let mut frames = Vec::with_capacity(receivers.len());
         for (r, receiver) in receivers.iter().enumerate() {
             let mut of_charts = vec![NOWHERE; receiver.charts.len()];
+            if left_out.contains(&r) {
+                frames.push(of_charts);
+                continue;
+            }
             let mut slender = Vec::new();
             for (c, chart) in receiver.charts.iter().enumerate() {
                 let is_slender = (chart.high - chart.low).min_element() < SLENDER * texel;
@@ -279,6 +300,7 @@ impl Layout {
             frames,
             pages: division.pages,
             table_rows: division.shelf.rows(),
+            left_out: left_out.to_vec(),
         })
     }
 }

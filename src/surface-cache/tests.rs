@@ -273,6 +273,30 @@ fn small_faces_share_pages() {
 }
 
 #[test]
+fn a_rough_surface_keeps_no_light_and_takes_none_from_others() {
+    let mut ball = primitives::sphere(0.3, 200, 200);
+    for (k, vertex) in ball.vertices.iter_mut().enumerate() {
+        let noise = (k as f32 * 12.9898).sin() * 43_758.547;
+        vertex.position *= 1.0 + 0.03 * noise.fract();
+        let turn = Vec3::new(noise, 3.1 * noise, 7.7 * noise).map(|x| x.fract());
+        vertex.normal = (vertex.normal + 2.0 * turn).normalize();
+    }
+    let mut scene = square_over_table();
+    scene.virtual_parts.push(part("rough", ball, DVec3::Z));
+    let options = CacheOptions {
+        pages: 100,
+        map_size: 64,
+        lights: 1,
+    };
+    let cache = SurfaceCache::new(&scene, &scene.virtual_parts, &options);
+    let rough = Layer::Virtual(scene.virtual_parts.len() - 1);
+    assert_eq!(cache.left_out().collect::<Vec<_>>(), [rough]);
+    let layers = cache.receiver_pages();
+    assert!(layers.iter().any(|p| matches!(p.layer, Layer::Phantom(_))));
+    assert!(layers.iter().all(|p| p.layer != rough));
+}
+
+#[test]
 fn a_scene_without_casters_has_no_pages() {
     let mut scene = square_over_table();
     scene.virtual_parts.clear();
