@@ -23,6 +23,10 @@ pub struct ReplayArgs {
     /// Factor of the recorded speed, or "max": as fast as possible without skipping frames
     #[arg(long, value_name = "FACTOR|max")]
     speed: Option<ReplaySpeed>,
+    /// With --frames-out, write what a viewer sees: no frame that comes too late, each in the light
+    /// that is known by then
+    #[arg(long, requires = "frames_out")]
+    as_shown: bool,
     /// Repeat the recording
     #[arg(long = "loop")]
     repeat: bool,
@@ -38,6 +42,7 @@ impl ReplayArgs {
         set(&mut config.replay.speed, self.speed);
         set(&mut config.replay.pairing, self.pairing);
         config.replay.repeat |= self.repeat;
+        config.output.as_shown = self.as_shown;
         Ok(config)
     }
 

@@ -310,6 +310,9 @@ pub struct OutputConfig {
     pub fullscreen: bool,
     /// Folder into which each frame is written as a PNG.
     pub frames: Option<PathBuf>,
+    /// Whether only the frames are written that a viewer sees, as they are seen: no late ones, in the
+    /// light that is known by then.
+    pub as_shown: bool,
     /// UDP receiver of the scene camera's pose, as FreeD D1.
     pub freed: Option<SocketAddr>,
 }
@@ -431,6 +434,14 @@ impl Default for SyncConfig {
     }
 }
 
+impl OutputConfig {
+    /// Whether every frame is written to a file, so that outputs can be compared.
+    #[must_use]
+    pub const fn writes_all(&self) -> bool {
+        self.frames.is_some() && !self.as_shown
+    }
+}
+
 impl Default for OutputConfig {
     fn default() -> Self {
         Self {
@@ -438,6 +449,7 @@ impl Default for OutputConfig {
             monitor: None,
             fullscreen: false,
             frames: None,
+            as_shown: false,
             freed: None,
         }
     }

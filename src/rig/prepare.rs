@@ -191,7 +191,7 @@ impl Preparation {
             yuv: config.input.encoding(),
             // An output folder receives every frame of the recording.
             pace: (!source.is_live())
-                .then(|| Pace::new(config.replay.speed, config.output.frames.is_some())),
+                .then(|| Pace::new(config.replay.speed, config.output.writes_all())),
             transport: Transport::new(playback, source, !config.replay.repeat),
             steps: step_sender,
             requests: source.is_live().then_some(request_receiver),
@@ -306,9 +306,7 @@ impl Worker {
             if !self.run_once() {
                 return;
             }
-            if self.ahead.is_some() {
-                self.lights.wait();
-            }
+            while self.ahead.is_some() && self.lights.wait() {}
             if !(self.transport.wants_jump() || self.release(true)) {
                 return;
             }
@@ -482,8 +480,10 @@ impl Worker {
             Ahead::First => true,
             Ahead::Running => is_read(AHEAD_SECONDS),
             Ahead::Starting => {
-                if is_read(AHEAD_SECONDS) && !self.lights.is_settled(first) {
-                    self.lights.wait();
+                while is_read(AHEAD_SECONDS) && !self.lights.is_settled(first) {
+                    if !self.lights.wait() {
+                        break;
+                    }
                 }
                 let is_settled = self.lights.is_settled(first);
                 is_read(AHEAD_SECONDS) && is_settled || is_read(MAX_AHEAD_SECONDS)
@@ -816,9 +816,9 @@ fn light_scheduler(
     }
 }
 
-/// Returns whether a recording is played at its own rate, and nothing of it is written to files.
+/// Returns whether a recording is played at its own rate, and not all of it is written to files.
 fn is_paced(config: &Config) -> bool {
-    config.replay.speed != ReplaySpeed::Max && config.output.frames.is_none()
+    config.replay.speed != ReplaySpeed::Max && !config.output.writes_all()
 }
 
 /// Returns whether pictures are paired as in a live rig, with its limited wait for the tracker.

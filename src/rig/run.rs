@@ -54,10 +54,10 @@ pub(super) struct Outputs {
 }
 
 /// Compiles the compositor of a run on `gpu`.
-fn compositor(context: &RunContext, gpu: Gpu, writes_files: bool) -> Compositor {
+fn compositor(context: &RunContext, gpu: Gpu) -> Compositor {
     let config = &context.config;
     // Files can be compared; a viewer of the screen or the stream would rather not wait.
-    let reproducible = writes_files || context.is_unhurried();
+    let reproducible = config.output.writes_all() || context.is_unhurried();
     let settings = compositor_settings(config, gpu.software, reproducible);
     let response = context.setup.calibration.scene_camera.response.clone();
     let mut compositor = Compositor::new(gpu, settings, response);
@@ -144,7 +144,7 @@ impl Run {
         scene_updates: SceneUpdates,
     ) -> Result<Self, RigError> {
         let config = &context.config;
-        let mut compositor = compositor(context, gpu, outputs.folder.is_some());
+        let mut compositor = compositor(context, gpu);
         let scenes = Scenes::new(context, &mut compositor, scene_updates)?;
         let vignetting = context.setup.calibration.scene_camera.vignetting;
         compositor.compile(vignetting.is_some(), config.registration.row_seconds != 0.0);

@@ -21,14 +21,18 @@ use penumbra_session::LightRecord;
 pub(crate) struct LightScheduler {
     mode: Mode,
     active: ActiveLight,
+    /// The instant of the last light that was asked for.
+    shown: Option<MonotonicTime>,
 }
 
 /// When a light estimate becomes active.
 enum Mode {
     /// Each frame waits for the light of its instant.
     PerFrame(Box<LightUpdater>),
-    /// Live, or a recording at its own rate: as soon as it is finished.
-    Thread(LightWorker),
+    /// Live: as soon as it is finished.
+    Live(LightWorker),
+    /// A recording at its own rate, ahead of what is shown.
+    Ahead(LightWorker),
     /// Replay of a live rig: at the frame at which it became active live.
     FromJournal {
         updater: Box<LightUpdater>,
@@ -43,6 +47,7 @@ impl LightScheduler {
         Self {
             mode: Mode::PerFrame(Box::new(updater)),
             active: ActiveLight::exact(),
+            shown: None,
         }
     }
 
@@ -60,7 +65,7 @@ impl LightScheduler {
     /// # Errors
     /// The system cannot start a thread.
     pub fn live(updater: LightUpdater) -> Result<Self, RigError> {
-        Ok(Self::new(Mode::Thread(LightWorker::start(updater)?)))
+        Ok(Self::new(Mode::Live(LightWorker::start(updater)?)))
     }
 
     /// Creates a scheduler for a recording that is watched at its own rate, with light estimates on
@@ -70,8 +75,9 @@ impl LightScheduler {
     /// The system cannot start a thread.
     pub fn watched(updater: LightUpdater) -> Result<Self, RigError> {
         Ok(Self {
-            mode: Mode::Thread(LightWorker::start(updater)?),
+            mode: Mode::Ahead(LightWorker::start(updater)?),
             active: ActiveLight::exact(),
+            shown: None,
         })
     }
 
@@ -79,6 +85,7 @@ impl LightScheduler {
         Self {
             mode,
             active: ActiveLight::default(),
+            shown: None,
         }
     }
 
@@ -96,7 +103,11 @@ impl LightScheduler {
                 self.active.activate(result, request.captured_at);
                 None
             }
-            Mode::Thread(worker) => Some(worker.schedule(&mut self.active, request, picture)),
+            Mode::Live(worker) => Some(worker.schedule(&mut self.active, request, picture)),
+            Mode::Ahead(worker) => {
+                worker.schedule_ahead(&mut self.active, request, picture, self.shown);
+                None
+            }
             Mode::FromJournal { updater, held } => {
                 let estimate = || updater.estimate(request, picture);
                 let at = [request.arrived_at, request.captured_at];
@@ -114,10 +125,11 @@ impl LightScheduler {
         &mut self.active
     }
 
-    /// Waits for the light estimate in progress, if there is one.
-    pub fn wait(&mut self) {
-        if let Mode::Thread(worker) = &mut self.mode {
-            worker.wait(&mut self.active);
+    /// Waits for the light estimate in progress; false if there is none.
+    pub fn wait(&mut self) -> bool {
+        match &mut self.mode {
+            Mode::Live(worker) | Mode::Ahead(worker) => worker.wait(&mut self.active),
+            Mode::PerFrame(_) | Mode::FromJournal { .. } => false,
         }
     }
 
@@ -129,6 +141,7 @@ impl LightScheduler {
 
     /// Returns the light of the picture captured at `at`.
     pub fn light_at(&mut self, at: MonotonicTime) -> LightState {
+        self.shown = Some(at);
         self.active.at(at)
     }
 
@@ -145,9 +158,10 @@ impl LightScheduler {
         }
         match &mut self.mode {
             Mode::PerFrame(updater) => updater.restart(),
-            Mode::Thread(worker) => worker.restart(),
-            Mode::FromJournal { .. } => (),
+            Mode::Ahead(worker) => worker.restart(),
+            Mode::Live(_) | Mode::FromJournal { .. } => (),
         }
+        self.shown = None;
         self.active.lights = ActiveLight::exact().lights;
     }
 }

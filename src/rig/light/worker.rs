@@ -13,6 +13,7 @@ use penumbra_lighting::{Lighting, cube};
 use penumbra_picture::Picture;
 use penumbra_session::LightRecord;
 use penumbra_status::{Settings, environment_preview};
+use std::collections::VecDeque;
 use std::sync::Arc;
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
@@ -159,10 +160,18 @@ pub(crate) struct LightWorker {
     pub(super) is_idle: bool,
     /// Whether a recording has started again since the last job.
     pub(super) restarts: bool,
-    /// Recycled buffer for the next job's picture.
-    pub(super) recycled: Picture,
+    /// Jobs that wait for the thread, where pictures are scheduled ahead of what is shown.
+    pub(super) waiting: VecDeque<LightJob>,
+    /// Recycled buffers for the pictures of jobs.
+    pub(super) recycled: Vec<Picture>,
     pub(super) thread: Option<JoinHandle<()>>,
 }
+
+/// Time before a picture is shown at which a light for it is hardly finished any more, seconds.
+const URGENT_SECONDS: f64 = 0.3;
+/// Maximum number of jobs that wait: the environment pictures of the time by which pictures are
+/// scheduled ahead.
+const MAX_WAITING: usize = 8;
 
 impl LightWorker {
     /// Starts the thread.
@@ -189,7 +198,8 @@ impl LightWorker {
             finished,
             is_idle: true,
             restarts: false,
-            recycled: Picture::default(),
+            waiting: VecDeque::new(),
+            recycled: Vec::new(),
             thread: Some(thread.map_err(|source| RigError::Thread { source })?),
         })
     }
@@ -204,7 +214,10 @@ impl LightWorker {
         if let Ok(finished) = self.finished.try_recv() {
             self.activate(active, finished, request.captured_at);
         }
-        let is_used = self.is_idle && self.send(request, picture);
+        let is_used = self.is_idle && {
+            let job = self.job(request, picture);
+            self.send(job)
+        };
         // The frame loop waits for the first light.
         let lit_by = if is_used && active.is_missing() {
             Some(request.arrived_at)
@@ -217,15 +230,62 @@ impl LightWorker {
         }
     }
 
-    /// Sends a job to the thread; false if the thread has ended.
-    fn send(&mut self, request: &LightRequest, picture: &Picture) -> bool {
-        let mut copy = std::mem::take(&mut self.recycled);
+    /// As [`Self::schedule`] for a picture ahead of what is shown: its job waits for the thread, if its
+    /// environment picture is another one than that of the job before. `shown` is what is shown now,
+    /// once anything is: a thread that is so slow that what it finishes would hardly be needed any more
+    /// goes on with the newest job.
+    pub fn schedule_ahead(
+        &mut self,
+        active: &mut ActiveLight,
+        request: &LightRequest,
+        picture: &Picture,
+        shown: Option<MonotonicTime>,
+    ) {
+        while let Ok(finished) = self.finished.try_recv() {
+            self.activate(active, finished, request.captured_at);
+        }
+        let set = |request: &LightRequest| request.environment.as_ref().map(Arc::as_ptr);
+        let last = self.waiting.back().map(|job| set(&job.request));
+        if last.flatten().is_none_or(|last| set(request) != Some(last)) {
+            if self.waiting.len() == MAX_WAITING {
+                let older = self.waiting.remove(MAX_WAITING - 1);
+                self.recycled.extend(older.map(|job| job.picture));
+            }
+            let job = self.job(request, picture);
+            self.waiting.push_back(job);
+        }
+        let is_urgent = |job: &LightJob| {
+            let time = |shown| job.request.captured_at.seconds_since(shown);
+            shown.is_some_and(|shown| time(shown) < URGENT_SECONDS)
+        };
+        while self.waiting.len() > 1 && self.waiting.front().is_some_and(is_urgent) {
+            let late = self.waiting.pop_front();
+            self.recycled.extend(late.map(|job| job.picture));
+        }
+        self.send_next();
+    }
+
+    /// Sends the first job that waits to the thread, if the thread has none.
+    fn send_next(&mut self) {
+        if self.is_idle
+            && let Some(job) = self.waiting.pop_front()
+        {
+            self.send(job);
+        }
+    }
+
+    fn job(&mut self, request: &LightRequest, picture: &Picture) -> LightJob {
+        let mut copy = self.recycled.pop().unwrap_or_default();
         copy.copy_from(picture);
-        let job = LightJob {
+        LightJob {
             request: request.clone(),
             picture: copy,
             restarts: std::mem::take(&mut self.restarts),
-        };
+        }
+    }
+
+    /// Sends a job to the thread; false if the thread has ended.
+    fn send(&mut self, job: LightJob) -> bool {
         let jobs = self.jobs.as_ref();
         let sent = jobs.is_some_and(|jobs| jobs.send(job).is_ok());
         self.is_idle = !sent;
@@ -239,7 +299,7 @@ impl LightWorker {
         at: MonotonicTime,
     ) {
         active.activate(light, at);
-        self.recycled = job.picture;
+        self.recycled.push(job.picture);
         self.is_idle = true;
     }
 
@@ -248,20 +308,26 @@ impl LightWorker {
         if !self.is_idle
             && let Ok((_, job)) = self.finished.recv()
         {
-            self.recycled = job.picture;
+            self.recycled.push(job.picture);
             self.is_idle = true;
         }
+        let waiting = self.waiting.drain(..).map(|job| job.picture);
+        self.recycled.extend(waiting);
         self.restarts = true;
     }
 
-    /// Waits for the job in progress and activates its light.
-    pub fn wait(&mut self, active: &mut ActiveLight) {
+    /// Waits for the job in progress, activates its light, and begins with the next job; false if
+    /// there was none.
+    pub fn wait(&mut self, active: &mut ActiveLight) -> bool {
         if !self.is_idle
             && let Ok(finished) = self.finished.recv()
         {
             let at = finished.1.request.captured_at;
             self.activate(active, finished, at);
+            self.send_next();
+            return true;
         }
+        false
     }
 }
 

@@ -36,8 +36,7 @@ impl Run {
             return Err(error);
         }
         let begun = Instant::now();
-        let writes_files = self.folder.is_some();
-        self.compositor = compositor(context, reopen(context, &gpu)?, writes_files);
+        self.compositor = compositor(context, reopen(context, &gpu)?);
         self.compositor.set_light_budget(self.settings.light_count);
         self.planes.forget_device();
         self.scenes.upload_to(&mut self.compositor);

@@ -11,6 +11,7 @@ use penumbra_lighting::{CubeMap, DomeLight, Harmonics, LightKind, LightPlace, Li
 use penumbra_rig_model::RigDocument;
 use penumbra_scene::Scene;
 use penumbra_status::Settings;
+use std::collections::VecDeque;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 use tokio::sync::watch;
@@ -214,7 +215,8 @@ fn active_light_lets_frames_pass_with_one_estimate_at_a_time() {
         finished,
         is_idle: true,
         restarts: false,
-        recycled: Picture::default(),
+        waiting: VecDeque::new(),
+        recycled: Vec::new(),
         thread: None,
     };
     let mut active = ActiveLight::default();
