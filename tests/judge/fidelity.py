@@ -43,6 +43,11 @@ ROWS = {
 # Rows that the bars hold for.
 BARRED = [row for row in ROWS if row.startswith("image-based-shadowing")]
 LIVE = "image-based-shadowing, live"
+# What a viewer sees: at the recording's rate, in a loop, in the light that is known by then. It depends on the machine,
+# so it has aims and no bars.
+SHOWN = "image-based-shadowing, shown"
+# How often the recording is shown, and the share of the true frames that must have been seen.
+SHOWN_TIMES, SHOWN_LEAST = 4, 0.75
 #: Limits of the figures of steadiness.
 STEADY = {"pump": 0.05, "step": 0.1, "shimmer": 1.05}
 # Column of judge.py, heading of the table, digits.
@@ -99,10 +104,28 @@ def composed(mcap: Path, rig: Rig, row: str, work: Path, a: argparse.Namespace) 
     if not a.compare_only:
         for old in frames.glob("*.png"):
             old.unlink()
-        step([str(a.penumbra), "replay", str(mcap), "--headless", "--listen", "127.0.0.1:0", "--speed", "max",
-              "--frames-out", str(frames), "--report", str(report), "--force", *arguments, *extra_arguments(a.extra, rig.name)],
-             work / "log.txt", f"replay ({row})")
+        replay(a, rig, mcap, frames, ["--speed", "max", "--report", str(report), *arguments], row)
     return frames, report
+
+
+def replay(a: argparse.Namespace, rig: Rig, mcap: Path, frames: Path, arguments: list[str], row: str) -> None:
+    """Replays a session into a folder of pictures."""
+    step([str(a.penumbra), "replay", str(mcap), "--headless", "--listen", "127.0.0.1:0", "--frames-out", str(frames), "--force",
+          *arguments, *extra_arguments(a.extra, rig.name)], frames.parent / "log.txt", f"replay ({row})")
+
+
+def shown(mcap: Path, rig: Rig, work: Path, live: Path, a: argparse.Namespace) -> dict[str, float]:
+    """The figures of what a viewer sees. `live`: the pictures of the live row, as many as the recording has."""
+    frames = work / "frames-shown"
+    if not a.compare_only:
+        for old in frames.glob("*.png"):
+            old.unlink()
+        count = SHOWN_TIMES * len(list(live.glob("*.png")))
+        replay(a, rig, mcap, frames, ["--quality", "live", "--speed", "1", "--loop", "--as-shown", "--frames", str(count)], SHOWN)
+    # Imports numpy, which this script's first Python may lack.
+    from judge import judge_pictures
+
+    return judge_pictures(rig.truth, frames, rig.every, SHOWN_LEAST)
 
 
 def extra_arguments(extra: list[str], rig: str) -> list[str]:
@@ -149,6 +172,8 @@ def judged(rig: Rig, a: argparse.Namespace) -> Result:
         reports.append(report)
         if row == LIVE:
             over_time = bars_over_time(rig, frames)
+            if a.jobs == 1:
+                rows[SHOWN] = shown(mcap, rig, work, frames, a)
     rows |= judge_baselines(rig.truth, rig.every)
     return Result(rig.name, rows, gain_error(rig, reports[0]), over_time)
 
@@ -210,8 +235,16 @@ def bars(result: Result) -> list[tuple[str, float, float]]:
 
 
 def aims(result: Result) -> list[tuple[str, float, float]]:
-    """(figure, reached, allowed) for each aim: what is to be reached yet, by the best quality as well."""
-    return [("bad %, live", result.rows[row]["bad"], 1.0) for row in BARRED if row.endswith(", live") and row in result.rows]
+    """(figure, reached, allowed) for each aim: what is to be reached yet, by the best quality as well; and what a viewer
+    sees against what is measured."""
+    found = [("bad %, live", result.rows[row]["bad"], 1.0) for row in BARRED if row.endswith(", live") and row in result.rows]
+    seen, live = result.rows.get(SHOWN), result.rows.get(LIVE)
+    if seen and live:
+        found.append(("s_err of live, shown", seen["s_err"], 1.15 * live["s_err"]))
+        found.append(("bad % of live, shown", seen["bad"], 1.2 * live["bad"]))
+        if "dE_object" in seen:
+            found.append(("dE_obj of live, shown", seen["dE_object"], live["dE_object"] + 0.2))
+    return found
 
 
 def figures_table(results: list[Result]) -> str:
@@ -220,7 +253,7 @@ def figures_table(results: list[Result]) -> str:
     for result in results:
         for name, row in result.rows.items():
             cells = [f"{row[c]:.{digits}f}" if c in row else "-" for c, _, digits in COLUMNS]
-            bold = "**" if name in ROWS else ""
+            bold = "**" if name in ROWS or name == SHOWN else ""
             lines.append(f"| {result.name} | {bold}{name}{bold} | " + " | ".join(cells) + " |")
     return "\n".join(lines)
 
@@ -246,7 +279,7 @@ def options() -> argparse.Namespace:
     parser.add_argument("--truth", type=Path, nargs="+", default=FOLDERS, help="folders of more rigs with truth")
     parser.add_argument("--sessions", help="names of rigs, comma-separated (default: all)")
     parser.add_argument("--every", type=int, default=1, help="judge every N-th true frame of the rigs in --truth")
-    parser.add_argument("--jobs", type=int, default=1, help="rigs at a time")
+    parser.add_argument("--jobs", type=int, default=1, help="rigs at a time; with more than one, what a viewer sees is left out")
     parser.add_argument("--extra", action="append", default=[], metavar="ARGS", help='more arguments for replay; "NAME: ARGS" for one rig')
     parser.add_argument("--no-planes", action="store_true", help="leave out the rows of shadowing planes")
     parser.add_argument("--quality", choices=["live", "best"], help="only the rows of this quality")

@@ -207,10 +207,14 @@ def overall(rows: list[dict[str, float]]) -> dict[str, float]:
     return result
 
 
-def judge_pictures(rig: Path, pictures: Path, every: int = 1) -> dict[str, float]:
-    """Returns the figures of a folder of pictures, which must contain every evaluated frame."""
+def judge_pictures(rig: Path, pictures: Path, every: int = 1, least: float = 1.0) -> dict[str, float]:
+    """Returns the figures of a folder of pictures, which must contain at least this share of the evaluated frames."""
     there = {number(file): file for file in sorted(pictures.glob("*.*")) if re.search(r"\d", file.stem)}
-    return overall([judge_picture(load_truth(rig, frame), there.get(frame), f"{pictures}: frame {frame}") for frame in frames(rig, every)])
+    wanted = list(frames(rig, every))
+    found = [frame for frame in wanted if frame in there]
+    if least < 1 and len(found) >= least * len(wanted):
+        wanted = found
+    return overall([judge_picture(load_truth(rig, frame), there.get(frame), f"{pictures}: frame {frame}") for frame in wanted])
 
 
 def judge_picture(truth: Truth, file: Path | None, what: str) -> dict[str, float]:
