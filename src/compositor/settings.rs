@@ -47,11 +47,12 @@ impl CompositorSettings {
         }
     }
 
-    /// The settings of the best picture, which takes the time that it needs.
+    /// The settings of the best picture, which takes the time that it needs, on a real GPU or, with
+    /// `software`, on a software driver.
     #[must_use]
-    pub const fn best() -> Self {
+    pub const fn best(software: bool) -> Self {
         Self {
-            soft_samples: 4,
+            soft_samples: if software { 4 } else { 8 },
             waits_for_sources: true,
             reflection_step: 1,
             ..Self::for_adapter(false)

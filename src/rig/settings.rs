@@ -74,7 +74,7 @@ pub(super) fn compositor_settings(
 ) -> CompositorSettings {
     let automatic = match config.picture.quality {
         Quality::Live => CompositorSettings::for_adapter(software),
-        Quality::Best => CompositorSettings::best(),
+        Quality::Best => CompositorSettings::best(software),
     };
     CompositorSettings {
         light_budget: config.environment.light_count,

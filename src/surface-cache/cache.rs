@@ -89,7 +89,7 @@ pub struct SurfaceCache {
     extents: Vec<Extent>,
     casters: Casters,
     moving: Vec<MovingReceiver>,
-    /// For the lights that stand for cells, and for compact ones.
+    /// For lights whose shadow hardly shows by itself, and for others.
     discs: [Disc; 2],
     has_ground: bool,
     lights: Vec<LightPages>,
@@ -229,6 +229,7 @@ impl SurfaceCache {
             extents: &self.extents,
             casters: &self.casters,
             discs: &self.discs,
+            total: lights.iter().map(|l| l.irradiance.element_sum()).sum(),
         };
         let mut jobs: Vec<(&mut LightPages, &DomeLight)> = self
             .lights

@@ -13,12 +13,15 @@ use penumbra_interface::threads;
 use penumbra_lighting::{DomeLight, LightKind};
 use std::sync::Arc;
 
-/// Look-ups for the search for blockers and for the filter, each, of a light that stands for a cell
-/// and of a compact one, whose shadow is seen by itself: on a texel, and on one of those between
-/// which visibility is interpolated.
+/// Look-ups for the search for blockers and for the filter, each, of a light whose shadow hardly shows
+/// by itself and of one whose shadow does: on a texel, and on one of those between which visibility is
+/// interpolated.
 const SAMPLES: [[usize; 2]; 2] = [[8, 16], [16, 64]];
+/// Share of all light from which on a compact light's shadow shows by itself: below, a step of one
+/// look-up of 16 is less than half a code of a bright picture.
+const STRONG: f32 = 0.06;
 
-/// The discs for lights that stand for cells, and for compact ones.
+/// The discs for lights whose shadow hardly shows by itself, and for others.
 pub fn discs() -> [Disc; 2] {
     SAMPLES.map(Disc::new)
 }
@@ -72,6 +75,8 @@ pub struct PagesView<'a> {
     pub extents: &'a [Extent],
     pub casters: &'a Casters,
     pub discs: &'a [Disc; 2],
+    /// Irradiance of all lights, the sum over the channels.
+    pub total: f32,
 }
 
 /// Some pages of one light: number of the first, visibility past casters of one kind, reach,
@@ -104,13 +109,14 @@ impl PagesView<'_> {
             self.texels.len().max(1)
         };
         let is_compact = light.kind == LightKind::Compact;
+        let is_strong = is_compact && light.irradiance.element_sum() > STRONG * self.total;
         let drawn = self.casters.draw(light, maps.of(is_compact));
         for (which, map) in drawn.into_iter().enumerate() {
             let lit = map.map(|(map, view)| LitMap {
                 map,
                 view,
                 spread: light.angular_radius.tan(),
-                disc: &self.discs[usize::from(is_compact)],
+                disc: &self.discs[usize::from(is_strong)],
             });
             let seen = kept.seen[which].chunks_mut(chunk * TEXELS);
             let reach = kept.reach[which].chunks_mut(chunk);

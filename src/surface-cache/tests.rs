@@ -405,6 +405,7 @@ fn registers_of_any_width_give_the_same() {
         extents: &extents,
         casters: &casters,
         discs: &discs,
+        total: 1.0,
     };
     let light = DomeLight {
         kind: LightKind::Cell,

@@ -180,10 +180,13 @@ impl LookStage {
         self.blurred = (extent > 0.0)
             .then(|| TAPS.iter().position(|(most, _)| extent <= *most))
             .flatten();
-        if let Some(k) = self.blurred {
+        if self.blurred.is_some() {
             let cells = bytemuck::cast_slice(field.cells());
             self.pictures.field.upload(queue, cells, 16);
-            self.passes.compile_blur(device, k, self.variant);
+            // All of them, so that faster motion later keeps no frame waiting.
+            for k in 0..TAPS.len() {
+                self.passes.compile_blur(device, k, self.variant);
+            }
         }
         if let Some(noise) = &look.noise
             && noise.texture != self.grain

@@ -65,7 +65,7 @@ function head(s) {
   const memory = used === null ? '' : `, ${megabytes(used)}${limit === null ? '' : ` of ${megabytes(limit)}`} MB of memory`;
   put($('program'), `${s.program.name} ${s.program.version}, up ${duration(s.program.uptime_seconds)}${memory}`);
   const a = s.adapter;
-  put($('adapter'), a.name ? `Rendered by ${a.name} (${a.backend}, ${a.kind})${a.losses ? `, lost ${whole(a.losses)} times` : ''}` : '');
+  put($('adapter'), a.name ? `Rendered at ${s.quality} quality by ${a.name} (${a.backend}, ${a.kind})${a.losses ? `, lost ${whole(a.losses)} times` : ''}` : '');
 }
 
 function warnings(s) {
