@@ -434,7 +434,7 @@ impl Worker {
             let captured_at = frame.frame.captured_at;
             frame.light = self.lights.light_at(captured_at);
             frame.coming_light = self.coming_light(captured_at);
-            frame.is_start = std::mem::take(&mut self.starts);
+            frame.is_start = self.starts;
             let arrived_at = frame.frame.scene.arrived_at;
             let is_due = |pace: &mut Pace| pace.wait(arrived_at, &self.stop);
             let event = if self.pace.as_mut().is_none_or(is_due) {
@@ -444,6 +444,7 @@ impl Worker {
             };
             if matches!(event, PreparationEvent::Frame(_)) {
                 self.last_sent = Some(captured_at);
+                self.starts = false;
             }
             if !self.send(event) {
                 return false;
