@@ -58,7 +58,7 @@ pub struct PreparedFrame {
     pub warning: Option<String>,
     /// Counts of the data received so far in this loop of the recording.
     pub counts: Counts,
-    /// Number of pictures that a live rig skipped before this one.
+    /// Number of pictures that were skipped before this one, because they were late.
     pub skipped: u64,
     /// Number of the jump in the recording after which it was read.
     pub jumps: u64,

@@ -60,7 +60,10 @@ const MAX_FRAMES_AHEAD: usize = 1;
 /// the recording: the time between two environment pictures of three exposures and a light estimate
 /// on a slow machine.
 const AHEAD_SECONDS: f64 = 0.8;
-/// The same, at most, while the first light of the recording is estimated.
+/// For how long the light must be known when a recording starts again, nanoseconds: the estimates that
+/// follow then have a lead.
+const FIRST_NANOS: i64 = 150_000_000;
+/// The same as [`AHEAD_SECONDS`], at most, while the first light of the recording is estimated.
 const MAX_AHEAD_SECONDS: f64 = 3.0;
 /// Maximum time from a picture to the next one whose light is wanted beforehand, nanoseconds.
 const MAX_COMING_NANOS: i64 = 200_000_000;
@@ -74,8 +77,8 @@ type Motion = (RigidTransform, RigidTransform, f64);
 pub enum PreparationEvent {
     /// A prepared frame.
     Frame(Box<PreparedFrame>),
-    /// A frame was skipped because it was late.
-    Skipped,
+    /// This number of frames were skipped because they were late, after the last frame.
+    Skipped(u64),
     /// A picture could not be decoded.
     Damaged {
         /// Why.
@@ -200,6 +203,7 @@ impl Preparation {
             first_captured_at: None,
             held: HeldFrames::default(),
             last_sent: None,
+            skipped: 0,
             starts: false,
             shows_at_once: source.is_live() || is_paced(config),
             ahead: is_paced(config)
@@ -277,6 +281,8 @@ struct Worker {
     first_captured_at: Option<MonotonicTime>,
     /// Frames that wait for the light of their instant.
     held: HeldFrames,
+    /// Number of late frames since the last one that was sent.
+    skipped: u64,
     /// The instant of the last frame that was sent.
     last_sent: Option<MonotonicTime>,
     /// Whether the next frame does not follow the last one in time.
@@ -306,7 +312,6 @@ impl Worker {
             if !self.run_once() {
                 return;
             }
-            while self.ahead.is_some() && self.lights.wait() {}
             if !(self.transport.wants_jump() || self.release(true)) {
                 return;
             }
@@ -314,6 +319,10 @@ impl Worker {
                 self.rewind();
                 self.transport.jump();
                 continue;
+            }
+            let skipped = std::mem::take(&mut self.skipped);
+            if skipped > 0 && !self.send(PreparationEvent::Skipped(skipped)) {
+                return;
             }
             let counts = self.counts(true);
             let is_dropped = self
@@ -413,6 +422,12 @@ impl Worker {
                     self.held.push(frame);
                     self.release(false)
                 }
+                // Told with the next frame: a message of its own would wait for the compositor, and make
+                // the next frame late, too.
+                PreparationEvent::Skipped(count) => {
+                    self.skipped += count;
+                    true
+                }
                 event => self.send(event),
             };
             if !goes_on {
@@ -431,22 +446,21 @@ impl Worker {
                 return true;
             }
             self.follow_pauses();
+            self.lights.poll();
             let captured_at = frame.frame.captured_at;
             frame.light = self.lights.light_at(captured_at);
             frame.coming_light = self.coming_light(captured_at);
             frame.is_start = self.starts;
             let arrived_at = frame.frame.scene.arrived_at;
             let is_due = |pace: &mut Pace| pace.wait(arrived_at, &self.stop);
-            let event = if self.pace.as_mut().is_none_or(is_due) {
-                PreparationEvent::Frame(frame)
-            } else {
-                PreparationEvent::Skipped
-            };
-            if matches!(event, PreparationEvent::Frame(_)) {
-                self.last_sent = Some(captured_at);
-                self.starts = false;
+            if !self.pace.as_mut().is_none_or(is_due) {
+                self.skipped += 1;
+                continue;
             }
-            if !self.send(event) {
+            self.last_sent = Some(captured_at);
+            self.starts = false;
+            frame.skipped += std::mem::take(&mut self.skipped);
+            if !self.send(PreparationEvent::Frame(frame)) {
                 return false;
             }
         }
@@ -481,12 +495,13 @@ impl Worker {
             Ahead::First => true,
             Ahead::Running => is_read(AHEAD_SECONDS),
             Ahead::Starting => {
-                while is_read(AHEAD_SECONDS) && !self.lights.is_settled(first) {
+                let soon = first.offset_nanos(FIRST_NANOS);
+                while is_read(AHEAD_SECONDS) && !self.lights.is_settled(soon) {
                     if !self.lights.wait() {
                         break;
                     }
                 }
-                let is_settled = self.lights.is_settled(first);
+                let is_settled = self.lights.is_settled(soon);
                 is_read(AHEAD_SECONDS) && is_settled || is_read(MAX_AHEAD_SECONDS)
             }
         };
@@ -536,7 +551,7 @@ impl Worker {
         } = journaled;
         let first = *self.first_captured_at.get_or_insert(frame.captured_at);
         if self.is_late(&frame) {
-            return PreparationEvent::Skipped;
+            return PreparationEvent::Skipped(1);
         }
         let begun = Instant::now();
         let seconds = frame.captured_at.seconds_since(first);

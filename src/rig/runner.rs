@@ -164,7 +164,7 @@ fn handle(
                 preparation.give_back(done.picture);
             }
         }
-        PreparationEvent::Skipped => run.frames.skipped += 1,
+        PreparationEvent::Skipped(count) => run.frames.skipped += count,
         PreparationEvent::Damaged {
             error,
             seconds,

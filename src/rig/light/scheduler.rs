@@ -125,6 +125,13 @@ impl LightScheduler {
         &mut self.active
     }
 
+    /// Takes finished light estimates of a recording that is watched.
+    pub fn poll(&mut self) {
+        if let Mode::Ahead(worker) = &mut self.mode {
+            worker.poll(&mut self.active, self.shown);
+        }
+    }
+
     /// Waits for the light estimate in progress; false if there is none.
     pub fn wait(&mut self) -> bool {
         match &mut self.mode {

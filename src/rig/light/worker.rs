@@ -241,18 +241,39 @@ impl LightWorker {
         picture: &Picture,
         shown: Option<MonotonicTime>,
     ) {
-        while let Ok(finished) = self.finished.try_recv() {
-            self.activate(active, finished, request.captured_at);
-        }
         let set = |request: &LightRequest| request.environment.as_ref().map(Arc::as_ptr);
         let last = self.waiting.back().map(|job| set(&job.request));
         if last.flatten().is_none_or(|last| set(request) != Some(last)) {
             if self.waiting.len() == MAX_WAITING {
-                let older = self.waiting.remove(MAX_WAITING - 1);
-                self.recycled.extend(older.map(|job| job.picture));
+                self.thin();
             }
             let job = self.job(request, picture);
             self.waiting.push_back(job);
+        }
+        self.poll(active, shown);
+    }
+
+    /// Leaves out the job that waits whose neighbours are closest to each other in time.
+    fn thin(&mut self) {
+        let at = |k: usize| self.waiting[k].request.captured_at;
+        let inner = 1..self.waiting.len().saturating_sub(1);
+        if let Some(k) = inner.min_by_key(|k| at(k + 1).nanos_since(at(k - 1))) {
+            let job = self.waiting.remove(k);
+            self.leave_out(job);
+        }
+    }
+
+    fn leave_out(&mut self, job: Option<LightJob>) {
+        self.restarts |= job.as_ref().is_some_and(|job| job.restarts);
+        self.recycled.extend(job.map(|job| job.picture));
+    }
+
+    /// Takes finished lights of jobs that waited, and begins with the next job. `shown`: see
+    /// [`Self::schedule_ahead`].
+    pub fn poll(&mut self, active: &mut ActiveLight, shown: Option<MonotonicTime>) {
+        while let Ok(finished) = self.finished.try_recv() {
+            let at = finished.1.request.captured_at;
+            self.activate(active, finished, at);
         }
         let is_urgent = |job: &LightJob| {
             let time = |shown| job.request.captured_at.seconds_since(shown);
@@ -260,7 +281,7 @@ impl LightWorker {
         };
         while self.waiting.len() > 1 && self.waiting.front().is_some_and(is_urgent) {
             let late = self.waiting.pop_front();
-            self.recycled.extend(late.map(|job| job.picture));
+            self.leave_out(late);
         }
         self.send_next();
     }

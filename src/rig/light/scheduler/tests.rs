@@ -207,6 +207,45 @@ fn frames_wait_for_their_own_light_until_one_is_found() {
 }
 
 #[test]
+fn lights_ahead_are_estimated_in_order_and_thinned_where_the_thread_is_slow() {
+    let (jobs, waiting) = bounded(1);
+    let (done, finished) = bounded(1);
+    let mut worker = LightWorker {
+        jobs: Some(jobs),
+        finished,
+        is_idle: true,
+        restarts: false,
+        waiting: VecDeque::new(),
+        recycled: Vec::new(),
+        thread: None,
+    };
+    let mut active = ActiveLight::exact();
+    let next = || {
+        waiting
+            .try_recv()
+            .ok()
+            .map(|job: LightJob| (job.request.captured_at, job))
+    };
+    // Thirty pictures are read before the first is shown.
+    for number in 0..30 {
+        worker.schedule_ahead(&mut active, &request(number), &picture(), None);
+    }
+    let mut estimated = Vec::new();
+    let mut shown = None;
+    while let Some((at, job)) = next() {
+        estimated.push(at.as_nanos() / frame(1).as_nanos());
+        assert!(done.send((light_of(0), job)).is_ok());
+        worker.poll(&mut active, shown);
+        // From the third on, what is shown follows close behind.
+        shown = (estimated.len() > 2).then(|| at.offset_nanos(-100_000_000));
+    }
+    assert!(estimated.is_sorted() && estimated[0] == 0, "{estimated:?}");
+    assert_eq!(*estimated.last().unwrap(), 29, "{estimated:?}");
+    let gap = estimated.windows(2).map(|w| w[1] - w[0]).max().unwrap();
+    assert!(estimated.len() > 4 && gap <= 8, "{estimated:?}");
+}
+
+#[test]
 fn active_light_lets_frames_pass_with_one_estimate_at_a_time() {
     let (jobs, waiting) = bounded(1);
     let (done, finished) = bounded(1);
