@@ -56,8 +56,8 @@ const MOTION_NANOS: i64 = 10_000_000;
 const EXPOSURE_SECONDS: RangeInclusive<f64> = 1e-6..=1.0;
 /// Maximum number of frames that wait for the compositor.
 const MAX_FRAMES_AHEAD: usize = 1;
-/// By how much a recording that is watched at its own rate is read ahead of what is shown, seconds of
-/// the recording: the time between two environment pictures of three exposures and a light estimate
+/// By how much a recording that is watched at its own rate is read ahead of what is shown, seconds: the
+/// time between two environment pictures of three exposures and a light estimate
 /// on a slow machine.
 const AHEAD_SECONDS: f64 = 0.8;
 /// For how long the light must be known when a recording starts again, nanoseconds: the estimates that
@@ -206,6 +206,10 @@ impl Preparation {
             skipped: 0,
             starts: false,
             shows_at_once: source.is_live() || is_paced(config),
+            rate: match config.replay.speed {
+                ReplaySpeed::Factor(factor) => factor.max(1.0),
+                ReplaySpeed::Max => 1.0,
+            },
             ahead: is_paced(config)
                 .then_some(Ahead::First)
                 .filter(|_| !source.is_live()),
@@ -289,6 +293,8 @@ struct Worker {
     starts: bool,
     /// Whether pictures are for eyes only, and need not be reproducible.
     shows_at_once: bool,
+    /// How much faster than recorded a recording is watched, at least 1.
+    rate: f64,
     /// How far a recording that is watched at its own rate has come; `None` for others.
     ahead: Option<Ahead>,
 }
@@ -490,7 +496,7 @@ impl Worker {
         let Some(ahead) = self.ahead else {
             return self.lights.is_settled(first);
         };
-        let is_read = |seconds: f64| span as f64 * 1e-9 >= seconds;
+        let is_read = |seconds: f64| span as f64 * 1e-9 >= seconds * self.rate;
         let goes = match ahead {
             Ahead::First => true,
             Ahead::Running => is_read(AHEAD_SECONDS),
