@@ -29,6 +29,11 @@ impl HeldFrames {
         Some((first, last.nanos_since(first)))
     }
 
+    /// Returns when the picture of the first frame arrived.
+    pub fn first_arrival(&self) -> Option<MonotonicTime> {
+        Some(self.frames.front()?.frame.scene.arrived_at)
+    }
+
     /// Whether the frames take too much memory.
     pub const fn is_full(&self) -> bool {
         self.bytes > MAX_BYTES

@@ -512,8 +512,10 @@ impl Worker {
             }
         };
         if goes && ahead != Ahead::Running {
-            // The frame after the first one, too, is shown late.
-            if let Some(pace) = &mut self.pace {
+            // The frame may have waited for its light for longer than until it was due.
+            if let Some((pace, at)) = self.pace.as_mut().zip(self.held.first_arrival())
+                && pace.is_late(at)
+            {
                 pace.restart();
             }
             let is_first = ahead == Ahead::First;
