@@ -21,8 +21,8 @@ use super::textures::TILE;
 use glam::DMat4;
 use penumbra_camera::PinholeCamera;
 use penumbra_lighting::place::near_lights;
-use penumbra_lighting::{DomeLight, LightKind};
-use penumbra_scene::{LampResponse, ShadowMode};
+use penumbra_lighting::{DomeLight, LightKind, Lighting};
+use penumbra_scene::{IndirectLight, LampResponse, ShadowMode};
 use penumbra_surface_cache::SurfaceLight;
 
 /// Ratio of the texels of a virtual light's maps to those of a dome light's, each way, where soft
@@ -316,21 +316,10 @@ impl Compositor {
         let planes = self.planes.as_ref().filter(|_| by_planes);
         light.keep_apart(by_planes);
         if let (true, (Some(lighting), Some(pose))) = (has_virtual, seen) {
-            // What is computed in the background is shown with a later picture.
-            let is_later = self.settings.in_background && !by_planes && !input.is_start;
-            let coming = input.coming_light.filter(|_| is_later);
-            let (lighting, lights, indirect) = match coming {
-                Some(coming) => {
-                    let lights = coming.lighting.lights.as_slice();
-                    let budget = self.settings.light_budget as usize;
-                    (
-                        coming.lighting,
-                        &lights[..lights.len().min(budget)],
-                        coming.indirect,
-                    )
-                }
-                None => (lighting, lights, input.indirect_light),
-            };
+            let in_background = self.settings.in_background && !by_planes;
+            let own = (lighting, lights, input.indirect_light);
+            let budget = self.settings.light_budget as usize;
+            let (lighting, lights, indirect) = kept_light(input, own, in_background, budget);
             let surface_light = SurfaceLight::new(lighting, lights, indirect);
             if self.settings.in_background
                 && let Ok(mut newest) = self.newest_light.try_lock()
@@ -497,4 +486,24 @@ fn rolling_shutter_margin(input: &FrameInput<'_>, view: &FrameView) -> f64 {
     let rows = f64::from(view.own.height);
     let per_row = shutter.rotation_per_row.length() + shutter.translation_per_row.length();
     2.0 * view.camera.focal.max_element() * rows * per_row
+}
+
+/// The light, its dome lights within the budget, and its indirect light.
+type LightOnSurfaces<'a> = (&'a Lighting, &'a [DomeLight], Option<&'a IndirectLight>);
+
+/// The light for which the light on surfaces is computed: that of the picture, its `own`, or, where it is
+/// computed in the background and therefore shown with the next picture, that of the next one.
+fn kept_light<'a>(
+    input: &FrameInput<'a>,
+    own: LightOnSurfaces<'a>,
+    in_background: bool,
+    budget: usize,
+) -> LightOnSurfaces<'a> {
+    let is_later = in_background && !input.is_start;
+    let coming = input.coming_light.filter(|_| is_later);
+    coming.map_or(own, |coming| {
+        let lights = coming.lighting.lights.as_slice();
+        let lights = &lights[..lights.len().min(budget)];
+        (coming.lighting, lights, coming.indirect)
+    })
 }

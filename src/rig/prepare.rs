@@ -202,17 +202,7 @@ impl Preparation {
             stop,
             first_captured_at: None,
             held: HeldFrames::default(),
-            last_sent: None,
-            skipped: 0,
-            starts: false,
-            shows_at_once: source.is_live() || is_paced(config),
-            rate: match config.replay.speed {
-                ReplaySpeed::Factor(factor) => factor.max(1.0),
-                ReplaySpeed::Max => 1.0,
-            },
-            ahead: is_paced(config)
-                .then_some(Ahead::First)
-                .filter(|_| !source.is_live()),
+            release: Release::new(config, source),
         };
         let thread = threads::spawn("prepare", move || worker.run())
             .map_err(|source| RigError::Thread { source })?;
@@ -285,6 +275,11 @@ struct Worker {
     first_captured_at: Option<MonotonicTime>,
     /// Frames that wait for the light of their instant.
     held: HeldFrames,
+    release: Release,
+}
+
+/// How frames that are prepared are sent.
+struct Release {
     /// Number of late frames since the last one that was sent.
     skipped: u64,
     /// The instant of the last frame that was sent.
@@ -297,6 +292,24 @@ struct Worker {
     rate: f64,
     /// How far a recording that is watched at its own rate has come; `None` for others.
     ahead: Option<Ahead>,
+}
+
+impl Release {
+    fn new(config: &Config, source: &Source) -> Self {
+        Self {
+            last_sent: None,
+            skipped: 0,
+            starts: false,
+            shows_at_once: source.is_live() || is_paced(config),
+            rate: match config.replay.speed {
+                ReplaySpeed::Factor(factor) => factor.max(1.0),
+                ReplaySpeed::Max => 1.0,
+            },
+            ahead: is_paced(config)
+                .then_some(Ahead::First)
+                .filter(|_| !source.is_live()),
+        }
+    }
 }
 
 /// How far a recording that is read ahead of what is shown has come.
@@ -326,7 +339,7 @@ impl Worker {
                 self.transport.jump();
                 continue;
             }
-            let skipped = std::mem::take(&mut self.skipped);
+            let skipped = std::mem::take(&mut self.release.skipped);
             if skipped > 0 && !self.send(PreparationEvent::Skipped(skipped)) {
                 return;
             }
@@ -376,10 +389,10 @@ impl Worker {
     /// Forgets the frames before.
     fn restart(&mut self) {
         self.held = HeldFrames::default();
-        (self.last_pose, self.last_sent) = (None, None);
-        self.starts = true;
+        (self.last_pose, self.release.last_sent) = (None, None);
+        self.release.starts = true;
         self.lights.restart();
-        self.ahead = self.ahead.map(|ahead| match ahead {
+        self.release.ahead = self.release.ahead.map(|ahead| match ahead {
             Ahead::First => Ahead::First,
             Ahead::Starting | Ahead::Running => Ahead::Starting,
         });
@@ -431,7 +444,7 @@ impl Worker {
                 // Told with the next frame: a message of its own would wait for the compositor, and make
                 // the next frame late, too.
                 PreparationEvent::Skipped(count) => {
-                    self.skipped += count;
+                    self.release.skipped += count;
                     true
                 }
                 event => self.send(event),
@@ -456,16 +469,16 @@ impl Worker {
             let captured_at = frame.frame.captured_at;
             frame.light = self.lights.light_at(captured_at);
             frame.coming_light = self.coming_light(captured_at);
-            frame.is_start = self.starts;
+            frame.is_start = self.release.starts;
             let arrived_at = frame.frame.scene.arrived_at;
             let is_due = |pace: &mut Pace| pace.wait(arrived_at, &self.stop);
             if !self.pace.as_mut().is_none_or(is_due) {
-                self.skipped += 1;
+                self.release.skipped += 1;
                 continue;
             }
-            self.last_sent = Some(captured_at);
-            self.starts = false;
-            frame.skipped += std::mem::take(&mut self.skipped);
+            self.release.last_sent = Some(captured_at);
+            self.release.starts = false;
+            frame.skipped += std::mem::take(&mut self.release.skipped);
             if !self.send(PreparationEvent::Frame(frame)) {
                 return false;
             }
@@ -476,10 +489,10 @@ impl Worker {
     /// Returns the light of the picture that follows the one captured at `at` as that one follows the
     /// one before.
     fn coming_light(&mut self, at: MonotonicTime) -> Option<LightState> {
-        if !self.shows_at_once {
+        if !self.release.shows_at_once {
             return None;
         }
-        let interval = at.nanos_since(self.last_sent?);
+        let interval = at.nanos_since(self.release.last_sent?);
         (1..=MAX_COMING_NANOS)
             .contains(&interval)
             .then(|| self.lights.coming_light(at.offset_nanos(interval)))
@@ -493,10 +506,10 @@ impl Worker {
         if all || self.held.is_full() {
             return true;
         }
-        let Some(ahead) = self.ahead else {
+        let Some(ahead) = self.release.ahead else {
             return self.lights.is_settled(first);
         };
-        let is_read = |seconds: f64| span as f64 * 1e-9 >= seconds * self.rate;
+        let is_read = |seconds: f64| span as f64 * 1e-9 >= seconds * self.release.rate;
         let goes = match ahead {
             Ahead::First => true,
             Ahead::Running => is_read(AHEAD_SECONDS),
@@ -519,7 +532,7 @@ impl Worker {
                 pace.restart();
             }
             let is_first = ahead == Ahead::First;
-            self.ahead = Some(if is_first {
+            self.release.ahead = Some(if is_first {
                 Ahead::Starting
             } else {
                 Ahead::Running
@@ -552,11 +565,7 @@ impl Worker {
     }
 
     fn step(&mut self, journaled: JournaledFrame) -> PreparationEvent {
-        let JournaledFrame {
-            frame,
-            skipped,
-            entry,
-        } = journaled;
+        let (frame, skipped, entry) = (journaled.frame, journaled.skipped, journaled.entry);
         let first = *self.first_captured_at.get_or_insert(frame.captured_at);
         if self.is_late(&frame) {
             return PreparationEvent::Skipped(1);
