@@ -172,7 +172,7 @@ def judged(rig: Rig, a: argparse.Namespace) -> Result:
         reports.append(report)
         if row == LIVE:
             over_time = bars_over_time(rig, frames)
-            if a.jobs == 1:
+            if a.jobs == 1 and not a.no_shown:
                 rows[SHOWN] = shown(mcap, rig, work, frames, a)
     rows |= judge_baselines(rig.truth, rig.every)
     return Result(rig.name, rows, gain_error(rig, reports[0]), over_time)
@@ -282,6 +282,7 @@ def options() -> argparse.Namespace:
     parser.add_argument("--jobs", type=int, default=1, help="rigs at a time; with more than one, what a viewer sees is left out")
     parser.add_argument("--extra", action="append", default=[], metavar="ARGS", help='more arguments for replay; "NAME: ARGS" for one rig')
     parser.add_argument("--no-planes", action="store_true", help="leave out the rows of shadowing planes")
+    parser.add_argument("--no-shown", action="store_true", help="leave out the rows of what a viewer sees, which depend on the machine")
     parser.add_argument("--quality", choices=["live", "best"], help="only the rows of this quality")
     parser.add_argument("--compare-only", action="store_true", help="judge the pictures of the last run again")
     parser.add_argument("--penumbra", type=Path, default=TARGET / "release/penumbra", help="the program (default: the release build)")
