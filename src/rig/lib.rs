@@ -51,6 +51,7 @@ mod poses;
 pub mod prepare;
 mod rectifier;
 mod registration;
+mod release;
 mod reload;
 mod run;
 pub mod runner;

@@ -23,6 +23,7 @@ use crate::light::worker::LightUpdater;
 use crate::pace::Pace;
 use crate::playback::{AtEnd, END_INTERVAL, Transport};
 use crate::registration::{TagRegistration, TrackerEstimate};
+use crate::release::Release;
 use crate::settings::pairing_config;
 use crate::setup::RigSetup;
 use crate::setup::TRACKER_NOISE;
@@ -56,17 +57,6 @@ const MOTION_NANOS: i64 = 10_000_000;
 const EXPOSURE_SECONDS: RangeInclusive<f64> = 1e-6..=1.0;
 /// Maximum number of frames that wait for the compositor.
 const MAX_FRAMES_AHEAD: usize = 1;
-/// By how much a recording that is watched at its own rate is read ahead of what is shown, seconds: the
-/// time between two environment pictures of three exposures and a light estimate
-/// on a slow machine.
-const AHEAD_SECONDS: f64 = 0.8;
-/// For how long the light must be known when a recording starts again, nanoseconds: the estimates that
-/// follow then have a lead.
-const FIRST_NANOS: i64 = 150_000_000;
-/// The same as [`AHEAD_SECONDS`], at most, while the first light of the recording is estimated.
-const MAX_AHEAD_SECONDS: f64 = 3.0;
-/// Maximum time from a picture to the next one whose light is wanted beforehand, nanoseconds.
-const MAX_COMING_NANOS: i64 = 200_000_000;
 /// Maximum number of recycled pictures: those of the frames between two environment pictures.
 const MAX_RECYCLED: usize = 16;
 
@@ -278,51 +268,6 @@ struct Worker {
     release: Release,
 }
 
-/// How frames that are prepared are sent.
-struct Release {
-    /// Number of late frames since the last one that was sent.
-    skipped: u64,
-    /// The instant of the last frame that was sent.
-    last_sent: Option<MonotonicTime>,
-    /// Whether the next frame does not follow the last one in time.
-    starts: bool,
-    /// Whether pictures are for eyes only, and need not be reproducible.
-    shows_at_once: bool,
-    /// How much faster than recorded a recording is watched, at least 1.
-    rate: f64,
-    /// How far a recording that is watched at its own rate has come; `None` for others.
-    ahead: Option<Ahead>,
-}
-
-impl Release {
-    fn new(config: &Config, source: &Source) -> Self {
-        Self {
-            last_sent: None,
-            skipped: 0,
-            starts: false,
-            shows_at_once: source.is_live() || is_paced(config),
-            rate: match config.replay.speed {
-                ReplaySpeed::Factor(factor) => factor.max(1.0),
-                ReplaySpeed::Max => 1.0,
-            },
-            ahead: is_paced(config)
-                .then_some(Ahead::First)
-                .filter(|_| !source.is_live()),
-        }
-    }
-}
-
-/// How far a recording that is read ahead of what is shown has come.
-#[derive(Clone, Copy, PartialEq, Eq)]
-enum Ahead {
-    /// Its first frame ever is to be shown as soon as it has any light.
-    First,
-    /// The next frame waits for the light of its instant.
-    Starting,
-    /// Frames follow at the recording's rate.
-    Running,
-}
-
 impl Worker {
     /// Prepares frames until the source ends or [`Preparation`] is dropped.
     fn run(&mut self) {
@@ -339,7 +284,7 @@ impl Worker {
                 self.transport.jump();
                 continue;
             }
-            let skipped = std::mem::take(&mut self.release.skipped);
+            let skipped = self.release.take_skipped();
             if skipped > 0 && !self.send(PreparationEvent::Skipped(skipped)) {
                 return;
             }
@@ -389,13 +334,9 @@ impl Worker {
     /// Forgets the frames before.
     fn restart(&mut self) {
         self.held = HeldFrames::default();
-        (self.last_pose, self.release.last_sent) = (None, None);
-        self.release.starts = true;
+        self.last_pose = None;
+        self.release.restart();
         self.lights.restart();
-        self.release.ahead = self.release.ahead.map(|ahead| match ahead {
-            Ahead::First => Ahead::First,
-            Ahead::Starting | Ahead::Running => Ahead::Starting,
-        });
         if let Some(pace) = &mut self.pace {
             pace.restart();
         }
@@ -441,10 +382,8 @@ impl Worker {
                     self.held.push(frame);
                     self.release(false)
                 }
-                // Told with the next frame: a message of its own would wait for the compositor, and make
-                // the next frame late, too.
                 PreparationEvent::Skipped(count) => {
-                    self.release.skipped += count;
+                    self.release.skip(count);
                     true
                 }
                 event => self.send(event),
@@ -458,7 +397,9 @@ impl Worker {
     /// Sends the frames whose light is known, or `all`, at their time; false if nobody takes them
     /// any more.
     fn release(&mut self, all: bool) -> bool {
-        while self.may_go(all)
+        while self
+            .release
+            .may_go(all, &self.held, &mut self.lights, self.pace.as_mut())
             && let Some(mut frame) = self.held.pop()
         {
             if self.transport.wants_jump() {
@@ -468,77 +409,19 @@ impl Worker {
             self.lights.poll();
             let captured_at = frame.frame.captured_at;
             frame.light = self.lights.light_at(captured_at);
-            frame.coming_light = self.coming_light(captured_at);
-            frame.is_start = self.release.starts;
+            frame.coming_light = self.release.coming_light(&mut self.lights, captured_at);
             let arrived_at = frame.frame.scene.arrived_at;
             let is_due = |pace: &mut Pace| pace.wait(arrived_at, &self.stop);
             if !self.pace.as_mut().is_none_or(is_due) {
-                self.release.skipped += 1;
+                self.release.skip(1);
                 continue;
             }
-            self.release.last_sent = Some(captured_at);
-            self.release.starts = false;
-            frame.skipped += std::mem::take(&mut self.release.skipped);
+            self.release.mark(&mut frame);
             if !self.send(PreparationEvent::Frame(frame)) {
                 return false;
             }
         }
         true
-    }
-
-    /// Returns the light of the picture that follows the one captured at `at` as that one follows the
-    /// one before.
-    fn coming_light(&mut self, at: MonotonicTime) -> Option<LightState> {
-        if !self.release.shows_at_once {
-            return None;
-        }
-        let interval = at.nanos_since(self.release.last_sent?);
-        (1..=MAX_COMING_NANOS)
-            .contains(&interval)
-            .then(|| self.lights.coming_light(at.offset_nanos(interval)))
-    }
-
-    /// Returns whether the first frame that waits is to be sent, or `all` are.
-    fn may_go(&mut self, all: bool) -> bool {
-        let Some((first, span)) = self.held.span() else {
-            return false;
-        };
-        if all || self.held.is_full() {
-            return true;
-        }
-        let Some(ahead) = self.release.ahead else {
-            return self.lights.is_settled(first);
-        };
-        let is_read = |seconds: f64| span as f64 * 1e-9 >= seconds * self.release.rate;
-        let goes = match ahead {
-            Ahead::First => true,
-            Ahead::Running => is_read(AHEAD_SECONDS),
-            Ahead::Starting => {
-                let soon = first.offset_nanos(FIRST_NANOS);
-                while is_read(AHEAD_SECONDS) && !self.lights.is_settled(soon) {
-                    if !self.lights.wait() {
-                        break;
-                    }
-                }
-                let is_settled = self.lights.is_settled(soon);
-                is_read(AHEAD_SECONDS) && is_settled || is_read(MAX_AHEAD_SECONDS)
-            }
-        };
-        if goes && ahead != Ahead::Running {
-            // The frame may have waited for its light for longer than until it was due.
-            if let Some((pace, at)) = self.pace.as_mut().zip(self.held.first_arrival())
-                && pace.is_late(at)
-            {
-                pace.restart();
-            }
-            let is_first = ahead == Ahead::First;
-            self.release.ahead = Some(if is_first {
-                Ahead::Starting
-            } else {
-                Ahead::Running
-            });
-        }
-        goes
     }
 
     /// Sends an event; false if nobody takes it any more.
@@ -850,7 +733,7 @@ fn light_scheduler(
 }
 
 /// Returns whether a recording is played at its own rate, and not all of it is written to files.
-fn is_paced(config: &Config) -> bool {
+pub(super) fn is_paced(config: &Config) -> bool {
     config.replay.speed != ReplaySpeed::Max && !config.output.writes_all()
 }
 

@@ -30,8 +30,8 @@ fn lower_priority() {
     }
 }
 
-/// Added to the thread's niceness. At 10 the thread still gets a tenth of a busy core; at 19 it
-/// would get a seventieth, so that the light estimate would lag on a busy machine.
+/// Added to the thread's niceness. At 5 the thread still gets a quarter of a busy core; at 10 it would
+/// get a tenth, and the light estimate would lag on a busy machine.
 #[cfg(target_os = "linux")]
 const NICENESS: i32 = 5;
 

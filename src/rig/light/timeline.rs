@@ -70,12 +70,12 @@ impl LightTimeline {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::light::scheduler::tests::{at, light_state, total};
+    use crate::light::scheduler::tests::{at, blended, light_state, total};
 
     fn flux_at(timeline: &mut LightTimeline, millis: i64) -> Option<f32> {
         timeline.advance(at(millis));
         let blend = timeline.blend_at(at(millis))?;
-        Some(total(blend.from) * (1.0 - blend.weight) + total(blend.to) * blend.weight)
+        Some(blended(blend))
     }
 
     #[test]

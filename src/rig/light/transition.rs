@@ -137,12 +137,11 @@ impl Recent {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::light::scheduler::tests::{at, light_state, total};
+    use crate::light::scheduler::tests::{at, blended, light_state};
 
     fn flux_at(light: &mut LightTransition, millis: i64) -> f32 {
         light.advance(at(millis));
-        let blend = light.blend_at(at(millis)).unwrap();
-        total(blend.from) * (1.0 - blend.weight) + total(blend.to) * blend.weight
+        blended(light.blend_at(at(millis)).unwrap())
     }
 
     /// Environment pictures every 100 ms whose light becomes active after `lags` in turn, under
@@ -215,10 +214,7 @@ mod tests {
         light.push(light_state(100, 1.2), at(130));
         light.push(light_state(200, 1.0), at(150));
         let coming: Vec<f32> = [200, 300, 400]
-            .map(|millis| {
-                let blend = light.blend_at(at(millis)).unwrap();
-                total(blend.from) * (1.0 - blend.weight) + total(blend.to) * blend.weight
-            })
+            .map(|millis| blended(light.blend_at(at(millis)).unwrap()))
             .to_vec();
         let shown: Vec<f32> = [200, 300, 400].map(|t| flux_at(&mut light, t)).to_vec();
         assert_eq!(coming, shown);

@@ -193,15 +193,26 @@ impl LightWorker {
             }
         };
         let thread = threads::spawn_background("light", work);
-        Ok(Self {
+        let thread = thread.map_err(|source| RigError::Thread { source })?;
+        let mut worker = Self::over(jobs, finished);
+        worker.thread = Some(thread);
+        Ok(worker)
+    }
+
+    /// A worker over the channels to a thread.
+    pub(super) const fn over(
+        jobs: Sender<LightJob>,
+        finished: Receiver<(LightResult, LightJob)>,
+    ) -> Self {
+        Self {
             jobs: Some(jobs),
             finished,
             is_idle: true,
             restarts: false,
             waiting: VecDeque::new(),
             recycled: Vec::new(),
-            thread: Some(thread.map_err(|source| RigError::Thread { source })?),
-        })
+            thread: None,
+        }
     }
 
     /// Activates a finished estimate, and sends this picture to the thread if the thread is idle.
@@ -233,7 +244,7 @@ impl LightWorker {
     /// As [`Self::schedule`] for a picture ahead of what is shown: its job waits for the thread, if its
     /// environment picture is another one than that of the job before. `shown` is what is shown now,
     /// once anything is: a thread that is so slow that what it finishes would hardly be needed any more
-    /// goes on with the newest job.
+    /// leaves jobs out.
     pub fn schedule_ahead(
         &mut self,
         active: &mut ActiveLight,

@@ -1,4 +1,5 @@
 use super::*;
+use crate::light::blended::Blend;
 use crate::light::estimator::LightEstimator;
 use crate::light::state::LightState;
 use crate::light::updates::SceneUpdates;
@@ -11,7 +12,6 @@ use penumbra_lighting::{CubeMap, DomeLight, Harmonics, LightKind, LightPlace, Li
 use penumbra_rig_model::RigDocument;
 use penumbra_scene::Scene;
 use penumbra_status::Settings;
-use std::collections::VecDeque;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 use tokio::sync::watch;
@@ -55,6 +55,11 @@ pub(in crate::light) fn light_state(millis: i64, flux: f32) -> LightState {
 pub(in crate::light) fn total(state: &LightState) -> f32 {
     let lights = state.lighting.iter().flat_map(|l| &l.lights);
     lights.map(|l| l.irradiance.x).sum()
+}
+
+/// Returns the flux of a blend.
+pub(in crate::light) fn blended(blend: Blend<'_>) -> f32 {
+    total(blend.from) * (1.0 - blend.weight) + total(blend.to) * blend.weight
 }
 
 /// Returns light that is identified by the number of its frame.
@@ -210,15 +215,7 @@ fn frames_wait_for_their_own_light_until_one_is_found() {
 fn lights_ahead_are_estimated_in_order_and_thinned_where_the_thread_is_slow() {
     let (jobs, waiting) = bounded(1);
     let (done, finished) = bounded(1);
-    let mut worker = LightWorker {
-        jobs: Some(jobs),
-        finished,
-        is_idle: true,
-        restarts: false,
-        waiting: VecDeque::new(),
-        recycled: Vec::new(),
-        thread: None,
-    };
+    let mut worker = LightWorker::over(jobs, finished);
     let mut active = ActiveLight::exact();
     let next = || {
         waiting
@@ -249,15 +246,7 @@ fn lights_ahead_are_estimated_in_order_and_thinned_where_the_thread_is_slow() {
 fn active_light_lets_frames_pass_with_one_estimate_at_a_time() {
     let (jobs, waiting) = bounded(1);
     let (done, finished) = bounded(1);
-    let mut worker = LightWorker {
-        jobs: Some(jobs),
-        finished,
-        is_idle: true,
-        restarts: false,
-        waiting: VecDeque::new(),
-        recycled: Vec::new(),
-        thread: None,
-    };
+    let mut worker = LightWorker::over(jobs, finished);
     let mut active = ActiveLight::default();
     active.activate(light_of(0), frame(0));
     let mut schedule = |number| worker.schedule(&mut active, &request(number), &picture());
