@@ -129,7 +129,7 @@ bench-compare: build ## Build revision REV and run both benchmarks in turns; CAS
 	@$(UNPACKED) python3 tests/judge/bench_compare.py "$(REV)" --penumbra $(PENUMBRA) $(if $(CASES),--cases $(CASES)) $(if $(PAIRS),--pairs $(PAIRS)) --bench $(ARGS)
 
 gpu-check: build ## Tests, benchmarks, latency and fidelity on this adapter, one report: target/gpu-check/report.md
-	@$(UNPACKED) python3 tests/judge/gpu_check.py --penumbra $(PENUMBRA) --truth $(TRUTH) $(ARGS)
+	@$(UNPACKED) python3 tests/judge/gpu_check.py --penumbra $(PENUMBRA) --truth $(TRUTH) $(RIGS) $(ARGS)
 
 fidelity: build ## Compare pictures with path-traced ground truth; ARGS="--sessions desk.mcap --no-planes"
 	@$(UNPACKED) python3 tests/judge/fidelity.py --penumbra $(PENUMBRA) --truth $(TRUTH) $(RIGS) $(ARGS)

@@ -4,10 +4,11 @@
 use super::percentiles::Percentiles;
 use super::resized::resized;
 use super::{BenchError, BenchOptions};
-use penumbra_compositor::Gpu;
+use penumbra_compositor::{Compositor, Gpu};
 use penumbra_config::{Antialias, Config};
 use penumbra_config::{CameraSource, TrackerSource};
 use penumbra_interface::threads;
+use penumbra_output::Screen;
 use penumbra_rig::{Live, RunOptions, Runner, Source, live_settings};
 use penumbra_status::Histogram;
 use penumbra_status::times::StageKind;
@@ -115,6 +116,34 @@ pub(super) fn run(
     Ok(())
 }
 
+/// Destroys the device of the compositor once, when it has shown some pictures.
+struct Destroyer(u64);
+
+impl Screen for Destroyer {
+    fn show(&mut self, compositor: &Compositor) -> bool {
+        self.0 += 1;
+        if self.0 == WARM_UP {
+            compositor.gpu().device.destroy();
+        }
+        true
+    }
+}
+
+/// Returns the time without a picture after the graphics device of a live rig was lost, seconds.
+pub(super) fn recovery(gpu: &Gpu, options: &BenchOptions) -> Result<f64, BenchError> {
+    let [.., setting] = SETTINGS;
+    let config = config(options.session(), setting);
+    let watched = |status: &SharedStatus| {
+        let recovered = |s: &Snapshot| s.adapter.recovery_seconds.is_some();
+        wait_until(status, recovered, 2 * TIMEOUT_TO_START)
+    };
+    let screen = Some(Box::new(Destroyer(0)) as Box<dyn Screen>);
+    let seconds = run_rig(gpu, &config, screen, watched)?
+        .adapter
+        .recovery_seconds;
+    seconds.ok_or(BenchError::Silent)
+}
+
 fn config(session: &Path, setting: Setting) -> Config {
     let camera = CameraSource::Replay(session.to_owned());
     let mut config = Config {
@@ -133,6 +162,18 @@ fn config(session: &Path, setting: Setting) -> Config {
 }
 
 fn measure(gpu: &Gpu, config: &Config, frames: u32) -> Result<LiveRow, BenchError> {
+    let watched = move |status: &SharedStatus| watch(status, u64::from(frames));
+    let (before, after, seconds) = run_rig(gpu, config, None, watched)?;
+    row(config, &before, &after, seconds).ok_or(BenchError::Silent)
+}
+
+/// Runs a live rig until `watch` returns, on a thread of its own; returns its result.
+fn run_rig<T: Send + 'static>(
+    gpu: &Gpu,
+    config: &Config,
+    screen: Option<Box<dyn Screen>>,
+    watch: impl FnOnce(&SharedStatus) -> T + Send + 'static,
+) -> Result<T, BenchError> {
     let status = SharedStatus::new(live_settings(config));
     let shutdown = Arc::<AtomicBool>::default();
     let runner = Runner::new(
@@ -142,20 +183,24 @@ fn measure(gpu: &Gpu, config: &Config, frames: u32) -> Result<LiveRow, BenchErro
         status.clone(),
         shutdown.clone(),
     )?;
-    let job = move || watch(&status, &shutdown, u64::from(frames));
+    let job = move || {
+        let result = watch(&status);
+        shutdown.store(true, Ordering::Relaxed);
+        result
+    };
     let watcher = threads::spawn("bench", job).map_err(|source| BenchError::Thread { source })?;
-    let ran = runner.run(gpu.clone(), None);
+    let ran = runner.run(gpu.clone(), screen);
     // The watcher ends by its timeout even if the rig still runs.
-    let Ok((before, after, seconds)) = watcher.join() else {
+    let Ok(result) = watcher.join() else {
         return Err(BenchError::Silent);
     };
     ran?;
-    row(config, &before, &after, seconds).ok_or(BenchError::Silent)
+    Ok(result)
 }
 
 /// Returns the status after the warm-up and after the measured pictures, and the time between them,
-/// both at the start if there is no picture; then stops the rig.
-fn watch(status: &SharedStatus, shutdown: &AtomicBool, frames: u64) -> (Snapshot, Snapshot, f64) {
+/// both at the start if there is no picture.
+fn watch(status: &SharedStatus, frames: u64) -> (Snapshot, Snapshot, f64) {
     let warm_up = WARM_UP.min(frames);
     let timeout = |pictures: u64| {
         let each = TIMEOUT_PER_PICTURE.saturating_mul(u32::try_from(pictures).unwrap_or(u32::MAX));
@@ -169,17 +214,24 @@ fn watch(status: &SharedStatus, shutdown: &AtomicBool, frames: u64) -> (Snapshot
         begun = Instant::now();
         after = wait_for_pictures(status, before.frames.composed + frames, timeout(frames));
     }
-    let seconds = begun.elapsed().as_secs_f64();
-    shutdown.store(true, Ordering::Relaxed);
-    (before, after, seconds)
+    (before, after, begun.elapsed().as_secs_f64())
 }
 
 /// Waits for a total number of pictures, or for the timeout, and returns the status.
 fn wait_for_pictures(status: &SharedStatus, total: u64, timeout: Duration) -> Snapshot {
+    wait_until(status, |s| s.frames.composed >= total, timeout)
+}
+
+/// Waits until the status is `as_wanted`, or for the timeout, and returns it.
+fn wait_until(
+    status: &SharedStatus,
+    as_wanted: impl Fn(&Snapshot) -> bool,
+    timeout: Duration,
+) -> Snapshot {
     let begun = Instant::now();
     loop {
         let snapshot = status.snapshot();
-        if snapshot.frames.composed >= total || begun.elapsed() > timeout {
+        if as_wanted(&snapshot) || begun.elapsed() > timeout {
             return snapshot;
         }
         std::thread::sleep(POLL_INTERVAL);

@@ -181,6 +181,11 @@ pub fn run(
             return Ok(report);
         }
         live::run(gpu, options, &mut report.live, &mut |row| progress(row))?;
+        let seconds = live::recovery(gpu, options)?;
+        progress(&format_args!(
+            "live: a picture again {seconds:.2} s after the loss of the graphics device"
+        ));
+        report.recovery_seconds = Some(seconds);
     }
     Ok(report)
 }

@@ -21,6 +21,9 @@ pub struct BenchReport {
     pub capture: Vec<CaptureRow>,
     /// Latency of live pictures.
     pub live: Vec<LiveRow>,
+    /// Time without a picture after the graphics device of a live rig was lost, seconds; `None` if that
+    /// was not measured.
+    pub recovery_seconds: Option<f64>,
 }
 
 /// One configuration of a rendering case.
@@ -136,6 +139,7 @@ impl BenchReport {
             rows: Vec::new(),
             capture: Vec::new(),
             live: Vec::new(),
+            recovery_seconds: None,
         }
     }
 }

@@ -3,7 +3,7 @@
 //! `shaders/phantom_geometry.wgsl` and `shaders/virtual_geometry.wgsl`.
 
 use bytemuck::{Pod, Zeroable};
-use glam::Vec3;
+use glam::{Mat4, Vec3};
 use penumbra_lighting::light::{CompactSourceSpecular, MAX_COMPACT_SOURCES, MAX_LEVELS};
 use penumbra_lighting::place::MAX_NEAR_LIGHTS;
 use penumbra_scene::lamps::MAX_LAMPS;
@@ -139,6 +139,30 @@ pub struct VirtualPartUniform {
 
 impl VirtualPartUniform {
     /// The dynamic offset of part `number` in a buffer of parts.
+    pub const fn offset(number: u32) -> u32 {
+        const { assert!(size_of::<Self>() == 256) };
+        number * size_of::<Self>() as u32
+    }
+}
+
+/// Placement of a caster.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+pub struct CasterPlaceUniform {
+    pub world_from_caster: [[f32; 4]; 4],
+    /// Offsets of uniforms are multiples of 256 bytes.
+    pub unused: [[f32; 4]; 12],
+}
+
+impl CasterPlaceUniform {
+    pub fn new(world: Mat4) -> Self {
+        Self {
+            world_from_caster: world.to_cols_array_2d(),
+            unused: [[0.0; 4]; 12],
+        }
+    }
+
+    /// The dynamic offset of caster `number` in a buffer of placements.
     pub const fn offset(number: u32) -> u32 {
         const { assert!(size_of::<Self>() == 256) };
         number * size_of::<Self>() as u32

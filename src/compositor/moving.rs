@@ -2,7 +2,7 @@
 
 use super::caster_hull::CasterHull;
 use super::cover::{Corners, corners};
-use super::gpu_data::VirtualPartUniform;
+use super::gpu_data::{CasterPlaceUniform, VirtualPartUniform};
 use super::mesh_buffers::{MeshBuffers, matrices};
 use glam::{DMat4, DVec3, Mat4, Vec3};
 use penumbra_scene::{Motion, Part};
@@ -29,27 +29,23 @@ pub struct CasterPlaces {
     pub group: wgpu::BindGroup,
 }
 
-/// Position of a caster's number in the instance index of shaders, above the number of its light
-/// or view.
-pub const CASTER_SHIFT: u32 = 12;
-
 impl CasterPlaces {
     pub const fn new(buffer: wgpu::Buffer, group: wgpu::BindGroup) -> Self {
         Self { buffer, group }
     }
 
     /// The contents of the buffer for `moving` parts.
-    pub fn contents(moving: &[MovingPart]) -> Vec<[[f32; 4]; 4]> {
+    pub fn contents(moving: &[MovingPart]) -> Vec<CasterPlaceUniform> {
         let world = std::iter::once(DMat4::IDENTITY);
         let all = world.chain(moving.iter().map(|m| m.world));
-        all.map(|m| m.as_mat4().to_cols_array_2d()).collect()
+        all.map(|m| CasterPlaceUniform::new(m.as_mat4())).collect()
     }
 
     /// Uploads the placement of moving part `number`.
     fn write(&self, queue: &wgpu::Queue, number: usize, world: Mat4) {
-        let size = size_of::<Mat4>();
-        let at = (size * (number + 1)) as u64;
-        queue.write_buffer(&self.buffer, at, bytemuck::bytes_of(&world.to_cols_array()));
+        let at = CasterPlaceUniform::offset(number as u32 + 1);
+        let placed = CasterPlaceUniform::new(world);
+        queue.write_buffer(&self.buffer, u64::from(at), bytemuck::bytes_of(&placed));
     }
 }
 

@@ -314,7 +314,7 @@ impl Compositor {
         self.chosen.clear();
         let seen = (input.lighting, input.world_from_camera);
         let planes = self.planes.as_ref().filter(|_| by_planes);
-        light.keep_apart(by_planes);
+        let is_ready = light.keep_apart(by_planes);
         if let (true, (Some(lighting), Some(pose))) = (has_virtual, seen) {
             let in_background = self.settings.in_background && !by_planes;
             let own = (lighting, lights, input.indirect_light);
@@ -329,7 +329,7 @@ impl Compositor {
             if input.is_start {
                 light.start_again(queue);
             }
-            if light.collect(queue) {
+            if is_ready && light.collect(queue) {
                 let compact = &mut self.compact_lights;
                 let lights = planes.map_or(lights, |planes| {
                     let left = lights.iter().filter(|_| planes.leaves_sources(input));
@@ -408,6 +408,7 @@ impl Compositor {
             samples: self.settings.samples,
             distorted,
             exposed: self.exposure.is_changed(),
+            in_background: self.settings.in_background,
         };
         let gpu = (&self.gpu.device, &self.gpu.queue);
         let parts = self.cover.boxes();

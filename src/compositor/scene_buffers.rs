@@ -3,13 +3,13 @@
 use super::bindings::{Slot, group, group_of, layout};
 use super::detail::Details;
 use super::emitters::Emitters;
-use super::gpu_data::{PhantomPartUniform, VirtualPartUniform};
+use super::gpu_data::{CasterPlaceUniform, PhantomPartUniform, VirtualPartUniform};
 use super::lamp_screens::LampScreens;
 use super::materials::MaterialUploader;
 use super::mesh_buffers::{
     MeshBuffers, index_buffer, is_ground, matrices, placed_indices, vertex_buffer,
 };
-use super::moving::{CASTER_SHIFT, CasterPlaces, MovingPart};
+use super::moving::{CasterPlaces, MovingPart};
 use crate::compiled::Device;
 use glam::{DMat4, Vec3};
 use penumbra_lighting::lobes::phong_parameter;
@@ -26,17 +26,18 @@ pub struct Casters {
     pub positions: Vec<[f32; 3]>,
 }
 
-/// Draws the casters of a set into one map, each with its number.
+/// Draws the casters of a set into map number `map`, each at its place.
 pub fn draw_casters<'a>(
     pass: &mut wgpu::RenderPass<'_>,
+    places: &CasterPlaces,
     meshes: impl Iterator<Item = (u32, &'a MeshBuffers)>,
     map: u32,
 ) {
     for (number, mesh) in meshes {
-        let instance = map | number << CASTER_SHIFT;
+        pass.set_bind_group(1, &places.group, &[CasterPlaceUniform::offset(number)]);
         pass.set_vertex_buffer(0, mesh.vertices.slice(..));
         pass.set_index_buffer(mesh.indices.slice(..), wgpu::IndexFormat::Uint32);
-        pass.draw_indexed(0..mesh.count, 0, instance..instance + 1);
+        pass.draw_indexed(0..mesh.count, 0, map..map + 1);
     }
 }
 
@@ -94,9 +95,9 @@ pub struct SceneBuffers {
 /// Layouts that are the same for all scenes.
 #[derive(Clone)]
 pub struct SceneLayouts {
-    /// A virtual part.
+    /// A virtual part, or the placement of a caster.
     pub part: wgpu::BindGroupLayout,
-    /// All phantoms, or the placements of all casters.
+    /// All phantoms.
     pub parts: wgpu::BindGroupLayout,
     pub material: wgpu::BindGroupLayout,
 }
@@ -154,7 +155,8 @@ impl SceneBuffers {
             group_of::<VirtualPartUniform>(device, "parts", &layouts.part, &virtual_buffer);
         let phantom_uniforms: Vec<_> = scene.phantom_parts.iter().map(phantom_uniform).collect();
         let places = CasterPlaces::contents(&moving);
-        let (buffer, group) = storage(device, &layouts.parts, &places);
+        let places = buffer(device, wgpu::BufferUsages::UNIFORM, &places);
+        let group = group_of::<CasterPlaceUniform>(device, "casters", &layouts.part, &places);
         Self {
             virtual_parts: virtual_draws
                 .map(|(i, p)| draw(p, Layer::Virtual(i)))
@@ -169,7 +171,7 @@ impl SceneBuffers {
             virtual_casters: merge(device, still),
             phantom_casters: merge(device, &solid),
             moving,
-            caster_places: CasterPlaces::new(buffer, group),
+            caster_places: CasterPlaces::new(places, group),
             occluders: merge(device, &scene.phantom_parts).mesh,
             ground_height: scene.ground_height,
             has_phong: scene.has_phong(),

@@ -284,15 +284,22 @@ impl CachedLight {
     }
 
     /// Keeps light out of the atlas from now on, because shadowing planes write it, or ends that.
-    /// Waits for an update that is under way: its light belongs to the other lights.
-    pub fn keep_apart(&mut self, apart: bool) {
+    /// False while an update is under way: its light belongs to the other lights, and the atlas stays
+    /// as it is.
+    pub fn keep_apart(&mut self, apart: bool) -> bool {
         if self.is_apart == apart {
-            return;
+            return true;
         }
-        self.wait();
+        if self.work.is_none() {
+            self.work = self.worker.as_ref().and_then(|w| w.back.try_recv().ok());
+        }
+        if self.work.is_none() {
+            return false;
+        }
         self.is_apart = apart;
         self.is_overwritten = true;
         self.renewed_lights = None;
+        true
     }
 
     /// Moves a moving virtual part to `world`.

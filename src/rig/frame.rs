@@ -50,6 +50,8 @@ pub struct PreparedFrame {
     pub is_start: bool,
     /// Duration of decoding.
     pub decoding: Duration,
+    /// Number of environment pictures that the light has left out since the start.
+    pub environments_left_out: u64,
     /// Duration of the estimate of its light.
     pub lighting: Duration,
     /// A new preview of the environment, if one was due.

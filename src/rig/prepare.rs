@@ -480,6 +480,7 @@ impl Worker {
         }
         let counts = self.counts(false);
         let (camera, lens) = (self.camera().clone(), self.lens_status());
+        let environments_left_out = self.lights.left_out();
         let light = self.lights.active_light();
         PreparationEvent::Frame(Box::new(PreparedFrame {
             index: frame.index,
@@ -498,6 +499,7 @@ impl Worker {
             coming_light: None,
             is_start: false,
             decoding,
+            environments_left_out,
             lighting: light.took,
             preview: light.preview.take(),
             warning: mismatch.or(light.picture_error.take()),

@@ -128,6 +128,8 @@ pub(super) struct Run {
     is_closed: bool,
     /// Number of times that the graphics device was lost since the last composed picture.
     successive_losses: u32,
+    /// When it was lost, until the next picture is composed.
+    lost_at: Option<Instant>,
     /// An error that did not end the run.
     late_error: Option<RigError>,
 }
@@ -193,6 +195,7 @@ impl Run {
             warned_of_station: false,
             is_closed: false,
             successive_losses: 0,
+            lost_at: None,
             late_error: None,
         })
     }
@@ -255,7 +258,7 @@ impl Run {
         while let Err(error) = self.try_compose(context, prepared) {
             self.recover(context, error)?;
         }
-        self.successive_losses = 0;
+        self.end_recovery(context);
         Ok(())
     }
 

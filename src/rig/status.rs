@@ -102,16 +102,21 @@ pub fn guide(setup: &RigSetup, config: &Config) -> Option<GuideStatus> {
     })
 }
 
-/// Publishes that the graphics device was lost and replaced after `took` by `gpu`.
-pub fn recovered(status: &SharedStatus, gpu: &Gpu, text: &str, took: Duration) {
+/// Publishes that the graphics device was lost and replaced by `gpu`.
+pub fn reopened(status: &SharedStatus, gpu: &Gpu, text: &str) {
     status.update(|s| {
         s.warn(text);
         s.adapter = Adapter {
             losses: s.adapter.losses + 1,
-            recovery_seconds: Some(took.as_secs_f64()),
+            recovery_seconds: s.adapter.recovery_seconds,
             ..adapter(gpu)
         };
     });
+}
+
+/// Publishes that the first picture was composed, `took` after the loss of the graphics device.
+pub fn recovered(status: &SharedStatus, took: Duration) {
+    status.update(|s| s.adapter.recovery_seconds = Some(took.as_secs_f64()));
 }
 
 fn adapter(gpu: &Gpu) -> Adapter {
@@ -283,6 +288,7 @@ fn lighting(s: &mut Snapshot, p: &Published<'_>) {
     (s.lighting.dome_lights, s.lighting.compact_lights) = (dome_lights, compact_lights);
     s.lighting.compact_sources = sources.len() as u32;
     s.lighting.lamps = sources.iter().map(lamp).collect();
+    s.lighting.environments_left_out = p.prepared.environments_left_out;
     s.lighting.clipped_fraction = Some(f64::from(clipped.max(0.0)));
     exposures(s, *agreement);
     s.lighting.picture_difference = picture.as_ref().map(|picture| picture.difference);

@@ -332,6 +332,10 @@ pub const STATUS_FIELDS: &[(&str, &str)] = &[
         "Age of the environment picture relative to the scene picture, ms; null before the first, and while a repeated recording begins in the light of its end.",
     ),
     (
+        "lighting.environments_left_out",
+        "Number of environment pictures since the start from which no light was estimated, because estimates took longer than their interval.",
+    ),
+    (
         "lighting.stale",
         "Why the lighting is stale; null if it is not.",
     ),
@@ -655,7 +659,7 @@ pub const STATUS_FIELDS: &[(&str, &str)] = &[
     ),
     (
         "adapter.recovery_seconds",
-        "Time from the last loss to the device that replaced it, seconds; `null` without a loss.",
+        "Time from the last loss to the next picture, seconds; `null` without a loss.",
     ),
     (
         "quality",

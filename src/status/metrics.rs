@@ -210,6 +210,12 @@ fn lighting(page: &mut Page, s: &Snapshot) {
         "Age of the environment picture relative to the scene picture.",
         l.age_ms.map(|ms| ms * 1e-3),
     );
+    page.one(
+        "penumbra_environments_left_out_total",
+        "counter",
+        "Environment pictures from which no light was estimated, because estimates took longer than their interval.",
+        l.environments_left_out,
+    );
     page.some(
         "penumbra_environment_clipped_ratio",
         "Share of the environment that is clipped.",

@@ -417,6 +417,9 @@ pub struct LightingStatus {
     pub lamps: Vec<LampStatus>,
     /// Age of the environment picture relative to the scene picture, milliseconds.
     pub age_ms: Option<f64>,
+    /// Number of environment pictures since the start from which no light was estimated, because
+    /// estimates took longer than their interval.
+    pub environments_left_out: u64,
     /// Why the lighting is stale; `None` if it is not.
     pub stale: Option<String>,
     /// Share of the environment's solid angle that is clipped, 0..=1.
@@ -635,7 +638,7 @@ pub struct Adapter {
     pub kind: String,
     /// Number of times that the device was lost and opened again.
     pub losses: u64,
-    /// Time from the last loss to the device that replaced it, seconds.
+    /// Time from the last loss to the next picture, seconds.
     pub recovery_seconds: Option<f64>,
 }
 

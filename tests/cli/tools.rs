@@ -224,6 +224,7 @@ fn bench_measures_the_latency_of_live_pictures() {
         let (arrival, total) = (ms("arrival_to_picture_ms"), ms("total_ms"));
         assert!(total > 0.0 && arrival >= total, "{row}");
     }
+    assert!(report["recovery_seconds"].as_f64() > Some(0.0), "{report}");
     let refused = desk.refuses("bench --case live --session nowhere.mcap");
     assert!(refused.contains("nowhere.mcap"), "{refused}");
 }

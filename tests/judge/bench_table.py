@@ -117,7 +117,8 @@ def table(files: list[Path], starts: Sequence[tuple[str, float, float]] = ()) ->
     if live_rows:
         lines += ["", LIVE_HEADING, "|---" * 10 + "|", *live_rows]
     rows, rigs = ([r for report in reports for r in report[kind]] for kind in ("rows", "live"))
-    goals = aims(rows, rigs, starts)
+    lost = [report["recovery_seconds"] for report in reports if report.get("recovery_seconds") is not None]
+    goals = aims(rows, rigs, [*starts, *(("graphics device lost in a live rig: s until the next picture", s, 2.0) for s in lost[:1])])
     return "\n".join(lines + (["", "| aim | reached | aimed at | |", "|---" * 4 + "|", *goals] if goals else []))
 
 

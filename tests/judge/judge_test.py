@@ -425,11 +425,11 @@ row = dict(case="supan", width=8, height=6, lights=64, refreshed_per_frame=64, p
            environment=None, processor_ms=None, fps=1.0, wall_ms=dict(p50=3.0, p99=9.0), gpu_ms=ms, stages=[],
            passes=[dict(name="composite", ms={gpu_ms})])
 live = dict(width=8, height=6, lights=64, samples=4, max_wait_ms=20.0, frames_per_second=30.0, arrival_to_picture_ms=dict(p50=20.5, p99=33.0), total_ms=ms)
-report = dict(adapter="Test Adapter", software={software}, rows=[row], live=[live])
+report = dict(adapter="Test Adapter", software={software}, rows=[row], live=[live], recovery_seconds=0.4)
 json.dump(report, open(sys.argv[sys.argv.index("--json") + 1], "w"))
 """)
         program.chmod(0o755)
-        a = argparse.Namespace(penumbra=program, adapter=None, short=True, out=self.folder / "out", truth=self.folder)
+        a = argparse.Namespace(penumbra=program, adapter=None, short=True, out=self.folder / "out", truth=[self.folder])
         good = gpu_check.check(a, gpu_check.steps(a))
         self.assertEqual(gpu_check.adapter_name(a), "llvmpipe" if fails == "supan" else "Test Adapter")
         return (a.out / "report.md").read_text(), good
@@ -437,7 +437,7 @@ json.dump(report, open(sys.argv[sys.argv.index("--json") + 1], "w"))
     def test_report_has_all_sections(self) -> None:
         text, good = self.report(software=False, gpu_ms=0.7)
         self.assertTrue(good, text)
-        for part in ("all is well", "| Test Adapter | 8×6 | 64 | 64 |", "median 0.70 ms on the device; allowed 1.0 ms, aim 0.5 ms.", "| 30.0 | 20.50 | 33.00 |"):
+        for part in ("all is well", "| Test Adapter | 8×6 | 64 | 64 |", "median 0.70 ms on the device; allowed 1.0 ms, aim 0.5 ms.", "| 30.0 | 20.50 | 33.00 |", "the next picture came in 0.40 s; allowed 2 s."):
             self.assertIn(part, text)
 
     def test_missed_bar_fails_on_a_gpu_only(self) -> None:
@@ -459,7 +459,7 @@ json.dump(report, open(sys.argv[sys.argv.index("--json") + 1], "w"))
         self.assertIn("## Benchmark supan", text)
         text, good = self.report(software=True, gpu_ms=5.0, fails="supan")
         self.assertFalse(good)
-        self.assertIn("## Latency of a live rig\n\n| size", text)
+        self.assertIn("## Latency of a live rig, 640x480\n\n| size", text)
 
     def test_tests_are_summed(self) -> None:
         text = gpu_check.tests_section("test a::b ... ok\ntest a::c ... FAILED\ntest result: FAILED. 1 passed; 1 failed\n")

@@ -13,11 +13,15 @@ use super::blur_field::{BlurField, BlurredBox};
 use super::stage::{LookInputs, LookStage};
 use crate::compiled::Device;
 use penumbra_camera::PinholeCamera;
+use penumbra_interface::threads;
+use std::thread::JoinHandle;
 
 /// The camera's look between frames. Empty until a frame asks for one.
 #[derive(Default)]
 pub struct CameraLook {
     stage: Option<Box<LookStage>>,
+    /// A stage that is compiled for later frames.
+    compiling: Option<JoinHandle<Box<LookStage>>>,
     /// Whether the look changes the frame.
     active: bool,
     field: BlurField,
@@ -32,6 +36,8 @@ pub struct LookFit {
     pub distorted: bool,
     /// Whether it is in another exposure than the camera's.
     pub exposed: bool,
+    /// Whether passes are compiled on a thread: until that has ended, frames have no look.
+    pub in_background: bool,
 }
 
 /// Boxes of the virtual parts, the moving ones of them, and the height of the ground.
@@ -67,11 +73,43 @@ impl CameraLook {
             taps: 1,
         };
         let kept = self.stage.take().filter(|s| s.suits(size, variant));
-        let cells = self.field.size();
-        let stage = kept.unwrap_or_else(|| LookStage::new(gpu, size, cells, variant).into());
+        let stage = kept.or_else(|| self.compiled(gpu, size, variant, fit.in_background));
+        let Some(stage) = stage else { return };
         let stage = self.stage.insert(stage);
         stage.upload(gpu, &input.look, (&self.field, extent), factor);
         self.active = true;
+    }
+
+    /// The stage for pictures of `size`; `None` while it is compiled on a thread.
+    fn compiled(
+        &mut self,
+        (device, queue): (&Device, &wgpu::Queue),
+        size: (u32, u32),
+        variant: LookVariant,
+        in_background: bool,
+    ) -> Option<Box<LookStage>> {
+        if self.compiling.as_ref().is_some_and(|c| !c.is_finished()) {
+            return None;
+        }
+        let done = self.compiling.take().and_then(|c| c.join().ok());
+        if let Some(done) = done.filter(|stage| stage.suits(size, variant)) {
+            return Some(done);
+        }
+        let cells = self.field.size();
+        let (device, queue) = (device.clone(), queue.clone());
+        let compile = move |blurs| {
+            let mut stage = LookStage::new((&device, &queue), size, cells, variant);
+            if blurs {
+                stage.compile_blurs(&device);
+            }
+            Box::new(stage)
+        };
+        if !in_background {
+            return Some(compile(false));
+        }
+        let thread = threads::spawn("look", move || compile(true));
+        self.compiling = thread.ok();
+        None
     }
 
     /// Draws the look over the finished picture, in place, if it changes the frame. `lens` is the

@@ -168,6 +168,13 @@ impl LookStage {
         self.size == size && self.variant == variant
     }
 
+    /// Compiles the blurs of all lengths, so that faster motion later keeps no frame waiting.
+    pub fn compile_blurs(&mut self, device: &Device) {
+        for k in 0..TAPS.len() {
+            self.passes.compile_blur(device, k, self.variant);
+        }
+    }
+
     /// Uploads the look of the next frame: `field` has blurs of up to `extent` pixels; `factor` is
     /// that of the exposure.
     pub fn upload(
@@ -183,10 +190,7 @@ impl LookStage {
         if self.blurred.is_some() {
             let cells = bytemuck::cast_slice(field.cells());
             self.pictures.field.upload(queue, cells, 16);
-            // All of them, so that faster motion later keeps no frame waiting.
-            for k in 0..TAPS.len() {
-                self.passes.compile_blur(device, k, self.variant);
-            }
+            self.compile_blurs(device);
         }
         if let Some(noise) = &look.noise
             && noise.texture != self.grain

@@ -21,7 +21,7 @@ impl LampMapPass {
         let pipeline = PipelineSpec {
             label: "lamp_map",
             shader: &shader,
-            groups: &[&views.layout, &scene.parts],
+            groups: &[&views.layout, &scene.part],
             vertex: "lamp_caster",
             buffers: &[POSITION_LAYOUT],
             fragment: None,
@@ -52,13 +52,13 @@ impl LampMapPass {
             });
             pass.set_pipeline(&self.pipeline);
             pass.set_bind_group(0, views, &[]);
-            pass.set_bind_group(1, &scene.caster_places.group, &[]);
             for (tile, view) in (0..draw.across * draw.across).zip(draw.view..) {
                 let side = maps.size() / draw.across;
                 let [x, y] = [tile % draw.across, tile / draw.across].map(|c| (c * side) as f32);
                 pass.set_viewport(x, y, side as f32, side as f32, 0.0, 1.0);
-                draw_casters(&mut pass, scene.virtual_caster_meshes(), view);
-                draw_casters(&mut pass, scene.phantom_caster_meshes(), view);
+                let places = &scene.caster_places;
+                draw_casters(&mut pass, places, scene.virtual_caster_meshes(), view);
+                draw_casters(&mut pass, places, scene.phantom_caster_meshes(), view);
             }
         }
     }

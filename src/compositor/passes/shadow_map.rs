@@ -2,7 +2,7 @@
 
 use super::super::bindings::{DepthTest, POSITION_LAYOUT, PipelineSpec};
 use super::super::compiled::Device;
-use super::super::recorder::{Recorder, bind_all, cleared_depth};
+use super::super::recorder::{Recorder, cleared_depth};
 use super::super::scene_buffers::{SceneBuffers, SceneLayouts, draw_casters};
 use super::super::shaders;
 use super::super::textures::format;
@@ -78,7 +78,7 @@ impl ShadowMapPass {
             PipelineSpec {
                 label: "shadow_map",
                 shader: &shader,
-                groups: &[frame, &scene.parts],
+                groups: &[frame, &scene.part],
                 vertex,
                 buffers: &[POSITION_LAYOUT],
                 fragment: None,
@@ -112,7 +112,7 @@ impl ShadowMapPass {
         ];
         // A map without casters is never read.
         let total = lights.len() * casts.iter().filter(|c| **c).count();
-        let groups = [frame, &scene.caster_places.group];
+        let places = &scene.caster_places;
         let mut done = 0;
         for light in lights {
             if casts[0] {
@@ -120,16 +120,18 @@ impl ShadowMapPass {
                 let span = (done == 1, done == total);
                 let mut pass = begin(r, span, &output.virtual_casters, *light);
                 pass.set_pipeline(&self.virtual_pipeline);
-                bind_all(&mut pass, &groups);
-                draw_casters(&mut pass, scene.virtual_caster_meshes(), *light as u32);
+                pass.set_bind_group(0, frame, &[]);
+                let meshes = scene.virtual_caster_meshes();
+                draw_casters(&mut pass, places, meshes, *light as u32);
             }
             if casts[1] {
                 done += 1;
                 let span = (done == 1, done == total);
                 let mut pass = begin(r, span, &output.phantom_casters, *light);
                 pass.set_pipeline(&self.phantom_pipeline);
-                bind_all(&mut pass, &groups);
-                draw_casters(&mut pass, scene.phantom_caster_meshes(), *light as u32);
+                pass.set_bind_group(0, frame, &[]);
+                let meshes = scene.phantom_caster_meshes();
+                draw_casters(&mut pass, places, meshes, *light as u32);
             }
         }
     }

@@ -1,7 +1,7 @@
-// Depth map of the casters from one dome light, orthographic in its space. The instance index holds the light in
-// its lowest twelve bits, and above them the caster's number.
+// Depth map of the casters from one dome light, orthographic in its space. The instance index is the light. The
+// placement is a uniform of its own: software drivers read an array at a varying index element by element.
 
-@group(1) @binding(0) var<storage, read> caster_places: array<mat4x4f>;
+@group(1) @binding(0) var<uniform> world_from_caster: mat4x4f;
 
 struct Out {
     @builtin(position) position: vec4f,
@@ -16,9 +16,8 @@ fn projected(i: u32, fit: vec4f, depth: vec2f, world: vec3f) -> Out {
 
 // Static casters are in world coordinates; their placement is exactly the identity.
 @vertex
-fn virtual_caster(@location(0) own: vec3f, @builtin(instance_index) instance: u32) -> Out {
-    let i = instance & 0xfffu;
-    let world = (caster_places[instance >> 12u] * vec4f(own, 1.0)).xyz;
+fn virtual_caster(@location(0) own: vec3f, @builtin(instance_index) i: u32) -> Out {
+    let world = (world_from_caster * vec4f(own, 1.0)).xyz;
     return projected(i, lights[i].virtual_fit, lights[i].depths.xy, world);
 }
 

@@ -125,6 +125,15 @@ impl LightScheduler {
         &mut self.active
     }
 
+    /// Number of environment pictures without an estimate of their own, because the thread was busy
+    /// until a newer one was there.
+    pub const fn left_out(&self) -> u64 {
+        match &self.mode {
+            Mode::Live(worker) | Mode::Ahead(worker) => worker.left_out,
+            Mode::PerFrame(_) | Mode::FromJournal { .. } => 0,
+        }
+    }
+
     /// Takes finished light estimates of a recording that is watched.
     pub fn poll(&mut self) {
         if let Mode::Ahead(worker) = &mut self.mode {

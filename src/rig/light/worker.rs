@@ -162,6 +162,10 @@ pub(crate) struct LightWorker {
     pub(super) restarts: bool,
     /// Jobs that wait for the thread, where pictures are scheduled ahead of what is shown.
     pub(super) waiting: VecDeque<LightJob>,
+    /// Number of the environment set of the last job.
+    last_set: u64,
+    /// Number of environment sets between those of jobs.
+    pub(super) left_out: u64,
     /// Recycled buffers for the pictures of jobs.
     pub(super) recycled: Vec<Picture>,
     pub(super) thread: Option<JoinHandle<()>>,
@@ -210,6 +214,8 @@ impl LightWorker {
             is_idle: true,
             restarts: false,
             waiting: VecDeque::new(),
+            last_set: 0,
+            left_out: 0,
             recycled: Vec::new(),
             thread: None,
         }
@@ -318,8 +324,16 @@ impl LightWorker {
 
     /// Sends a job to the thread; false if the thread has ended.
     fn send(&mut self, job: LightJob) -> bool {
+        let set = job.request.environment.as_ref().map(|set| set.generation);
         let jobs = self.jobs.as_ref();
         let sent = jobs.is_some_and(|jobs| jobs.send(job).is_ok());
+        if let Some(set) = set.filter(|_| sent) {
+            // Numbers begin again with a recording.
+            if (1..set).contains(&self.last_set) {
+                self.left_out += set - self.last_set - 1;
+            }
+            self.last_set = set;
+        }
         self.is_idle = !sent;
         sent
     }

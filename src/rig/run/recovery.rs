@@ -35,17 +35,27 @@ impl Run {
         if self.successive_losses > MAX_SUCCESSIVE_LOSSES {
             return Err(error);
         }
-        let begun = Instant::now();
+        self.lost_at.get_or_insert_with(Instant::now);
         self.compositor = compositor(context, reopen(context, &gpu)?);
         self.compositor.set_light_budget(self.settings.light_count);
         self.planes.forget_device();
         self.scenes.upload_to(&mut self.compositor);
         self.has_picture = false;
-        let (lost, took) = (&gpu.name, begun.elapsed());
-        let text = format!("graphics device '{lost}' was lost ({reason}) and opened again");
-        tracing::warn!("{text}, in {:.1} s", took.as_secs_f64());
-        published::recovered(&context.status, self.compositor.gpu(), &text, took);
+        let text = format!(
+            "graphics device '{}' was lost ({reason}) and opened again",
+            gpu.name
+        );
+        tracing::warn!("{text}");
+        published::reopened(&context.status, self.compositor.gpu(), &text);
         Ok(())
+    }
+
+    /// Publishes how long there was no picture, with the first one after a loss.
+    pub(super) fn end_recovery(&mut self, context: &RunContext) {
+        if let Some(lost_at) = self.lost_at.take() {
+            published::recovered(&context.status, lost_at.elapsed());
+        }
+        self.successive_losses = 0;
     }
 }
 

@@ -130,6 +130,7 @@ function environment(s) {
     ['compact sources', whole(l.compact_sources)],
     ['their distances', distances(l.lamps)],
     ['age of the light', age(l.age_ms)],
+    ['environment pictures left out', whole(l.environments_left_out)],
     ['clipped', percent(l.clipped_fraction, 2)],
     ['exposures disagree by', percent(l.exposures_disagree, 0)],
     ['real shadows agree to', agreement(l)],

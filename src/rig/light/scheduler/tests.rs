@@ -12,6 +12,7 @@ use penumbra_lighting::{CubeMap, DomeLight, Harmonics, LightKind, LightPlace, Li
 use penumbra_rig_model::RigDocument;
 use penumbra_scene::Scene;
 use penumbra_status::Settings;
+use penumbra_sync::EnvironmentSet;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 use tokio::sync::watch;
@@ -181,7 +182,12 @@ fn request(number: i64) -> LightRequest {
             .calibration
             .scene_camera
             .camera,
-        environment: None,
+        environment: Some(Arc::new(EnvironmentSet {
+            generation: number.unsigned_abs() + 1,
+            captured_at: frame(number),
+            arrived_at: frame(number),
+            frames: Vec::new(),
+        })),
     }
 }
 
@@ -240,6 +246,7 @@ fn lights_ahead_are_estimated_in_order_and_thinned_where_the_thread_is_slow() {
     assert_eq!(*estimated.last().unwrap(), 29, "{estimated:?}");
     let gap = estimated.windows(2).map(|w| w[1] - w[0]).max().unwrap();
     assert!(estimated.len() > 4 && gap <= 8, "{estimated:?}");
+    assert_eq!(estimated.len() as u64 + worker.left_out, 30);
 }
 
 #[test]
@@ -262,6 +269,7 @@ fn active_light_lets_frames_pass_with_one_estimate_at_a_time() {
     assert!(done.send((light_of(1), job)).is_ok());
     assert_eq!(schedule(3), record(true, 1));
     assert_eq!(schedule(4), record(false, 1));
+    assert_eq!(worker.left_out, 1);
     assert!(begun.elapsed() < Duration::from_secs(5));
     // A light of the recording's end is none of its beginning.
     let job = waiting.try_recv().unwrap();
@@ -276,4 +284,5 @@ fn active_light_lets_frames_pass_with_one_estimate_at_a_time() {
     drop((waiting, done));
     assert_eq!(schedule(5), record(false, 0));
     assert_eq!(light_number(&active), Some(0));
+    assert_eq!(worker.left_out, 1);
 }
