@@ -223,6 +223,7 @@ impl Sums {
             indirect::fill(light, &light.real, page, real);
         }
         let mut is_shadowed = false;
+        let mut shares = [1.0; TEXELS];
         let (first, second) = (&mut self.first, &mut self.second);
         for c in 0..3 {
             for k in 0..TEXELS {
@@ -234,8 +235,11 @@ impl Sums {
                 second[c][k] = arriving;
             }
         }
+        for (k, share) in shares.iter_mut().enumerate() {
+            *share = second[1][k] / self.open[1][k].max(1e-6);
+        }
         pack(first, None, &mut self.packed, packed.first);
-        pack(second, None, &mut self.packed, packed.second);
+        pack(second, Some(&shares), &mut self.packed, packed.second);
         is_shadowed
     }
 

@@ -3,13 +3,14 @@
 //! Both change slowly over an object, so that they are computed on the CPU for cells of some pixels,
 //! from the boxes around the virtual parts: a cell that sees a box has the motion of its part at the
 //! depth of the box, other cells that of the ground. Beside a part the picture shows its blurred
-//! outline, so that cells there take the part's values.
+//! outline, so that cells there take the part's values. Where the ground lies in the shadow that the
+//! brightest light casts of a moving part, cells have the motion of the shadow.
 
 use super::super::cover::Corners;
 use super::super::frame_input::FrameInput;
 use super::Look;
 use super::uniform::{MAX_TAPS, TAPS};
-use glam::{DMat3, DMat4, DVec2, DVec3};
+use glam::{DMat3, DMat4, DVec2, DVec3, Vec3Swizzles};
 use penumbra_camera::PinholeCamera;
 use penumbra_interface::RigidTransform;
 
@@ -21,6 +22,8 @@ const MAX_EXTENT: f64 = 48.0;
 const MIN_EXTENT: f64 = 0.3;
 /// Cells around a part that take its values: as many as its outline can be blurred into.
 const MAX_RING: usize = 3;
+/// Dominance of the brightest light below which its shadows are too weak to show their motion.
+const MIN_DOMINANCE: f64 = 0.05;
 /// Distances to which the ground is assumed to extend, metres.
 const GROUND_RANGE: std::ops::Range<f64> = 0.05..20.0;
 
@@ -47,11 +50,10 @@ pub struct BlurField {
     spread: Vec<Blur>,
 }
 
-/// A box prepared for intersection with rays of the camera.
+/// A box prepared for intersection with rays: the frame in which it is the unit cube.
 struct Slab {
-    /// Ray directions and the camera's centre in the frame in which the box is the unit cube.
-    unit_from_camera: DMat3,
-    eye: DVec3,
+    unit_from_world: DMat3,
+    origin: DVec3,
 }
 
 impl BlurField {
@@ -118,12 +120,21 @@ impl BlurField {
         };
         self.seen.fill(None);
         for (cell, ray) in self.cells.iter_mut().zip(&self.rays) {
-            *cell = scene.blur(*ray, scene.ground_depth(*ray), None);
+            *cell = scene.blur(*ray, scene.ground_depth(*ray), |_| DVec3::ZERO);
         }
         for part in boxes {
             self.draw(&scene, part);
         }
         self.spread();
+        let light = input.brightest.as_dvec3();
+        let moves = |part: &&BlurredBox| part.moved.is_some_and(|[a, b]| a != b);
+        if light.z > 0.0 && light.length() > MIN_DOMINANCE && boxes.iter().any(|b| moves(&b)) {
+            let to_light = light.normalize();
+            for part in boxes.iter().filter(moves) {
+                self.draw_shadow(&scene, part, to_light);
+            }
+            self.spread();
+        }
         let extent = |c: &Blur| f64::from(c[0].hypot(c[1]) + 2.0 * c[2]);
         let largest = self.cells.iter().map(extent).fold(0.0, f64::max);
         if largest < MIN_EXTENT { 0.0 } else { largest }
@@ -157,19 +168,53 @@ impl BlurField {
 
     /// Draws a part into the cells that see its box, unless they see a nearer one.
     fn draw(&mut self, scene: &Scene<'_>, part: &BlurredBox) {
-        let slab = Slab::new(&part.corners, &scene.pose);
+        let slab = Slab::new(&part.corners);
+        let eye = slab.unit_from_world * (scene.pose.translation - slab.origin);
+        let unit_from_camera = slab.unit_from_world * DMat3::from_quat(scene.pose.rotation);
         let cells = self.cells.iter_mut().zip(&mut self.seen).zip(&self.rays);
         for ((cell, seen), ray) in cells {
-            if let Some(depth) = slab.depth(*ray)
+            if let Some(depth) = mean_depth(eye, unit_from_camera * ray.extend(1.0))
                 && seen.is_none_or(|nearer| depth < nearer)
             {
                 *seen = Some(depth);
-                *cell = scene.blur(*ray, depth, part.moved.as_ref());
+                let moved = part.moved.as_ref();
+                let shift = |world: DVec3| {
+                    moved.map_or(DVec3::ZERO, |[begin, end]| {
+                        end.transform_point3(world) - begin.transform_point3(world)
+                    })
+                };
+                *cell = scene.blur(*ray, depth, shift);
             }
         }
     }
 
-    /// Gives cells beside a part its values, as far as its blur reaches.
+    /// Draws the shadow of a moving part into the cells that see the ground where the part hides the
+    /// light from it.
+    fn draw_shadow(&mut self, scene: &Scene<'_>, part: &BlurredBox, to_light: DVec3) {
+        let (Some([begin, end]), Some(height)) = (&part.moved, scene.ground) else {
+            return;
+        };
+        let slab = Slab::new(&part.corners);
+        let towards = slab.unit_from_world * to_light;
+        let cells = self.cells.iter_mut().zip(&mut self.seen).zip(&self.rays);
+        for ((cell, seen), ray) in cells.filter(|c| c.0.1.is_none()) {
+            let depth = scene.ground_depth(*ray);
+            let ground = scene.pose.transform_point(ray.extend(1.0) * depth);
+            let from = slab.unit_from_world * (ground - slab.origin);
+            if (ground.z - height).abs() < 1e-6 * depth
+                && let Some(distance) = mean_depth(from, towards)
+            {
+                let caster = ground + to_light * distance;
+                let shift = end.transform_point3(caster) - begin.transform_point3(caster);
+                let fallen = to_light.xy() * (shift.z / to_light.z);
+                *seen = Some(depth);
+                *cell = scene.blur(*ray, depth, |_| (shift.xy() - fallen).extend(0.0));
+            }
+        }
+    }
+
+    /// Gives cells beside a part or the shadow of a moving one its values, as far as its blur reaches,
+    /// and counts them to it.
     fn spread(&mut self) {
         self.spread.copy_from_slice(&self.cells);
         let (across, down) = self.size();
@@ -197,15 +242,21 @@ impl BlurField {
                 let nearest = reached.min_by_key(|(u, v)| u.abs_diff(x).max(v.abs_diff(y)));
                 if let Some((u, v)) = nearest {
                     self.spread[own] = self.cells[v * across + u];
+                    self.spread[own][3] = 1.0;
                 }
             }
         }
         std::mem::swap(&mut self.cells, &mut self.spread);
+        for (cell, seen) in self.cells.iter_mut().zip(&mut self.seen) {
+            if std::mem::take(&mut cell[3]) != 0.0 {
+                *seen = Some(f64::INFINITY);
+            }
+        }
     }
 }
 
 impl Slab {
-    fn new(corners: &Corners, pose: &RigidTransform) -> Self {
+    fn new(corners: &Corners) -> Self {
         // Corner i has bit 0 set at the far end of the first axis, and so on.
         let [origin, x, y, z] = [0, 1, 2, 4].map(|i| corners[i]);
         // Flat boxes get some thickness.
@@ -220,32 +271,29 @@ impl Slab {
         };
         let [a, b, c] = axes;
         let world_from_unit = DMat3::from_cols(thick(a, b, c), thick(b, c, a), thick(c, a, b));
-        let unit_from_world = world_from_unit.inverse();
         Self {
-            unit_from_camera: unit_from_world * DMat3::from_quat(pose.rotation),
-            eye: unit_from_world * (pose.translation - origin),
+            unit_from_world: world_from_unit.inverse(),
+            origin,
         }
     }
+}
 
-    /// Mean depth along the axis of the camera at which the ray (x, y, 1) is in the box; `None` if
-    /// it misses it.
-    fn depth(&self, ray: DVec2) -> Option<f64> {
-        let direction = self.unit_from_camera * ray.extend(1.0);
-        let (mut from, mut to) = (0.0, f64::INFINITY);
-        for axis in 0..3 {
-            let (d, e) = (direction[axis], self.eye[axis]);
-            let ends = [-e / d, (1.0 - e) / d];
-            if d == 0.0 {
-                if !(0.0..=1.0).contains(&e) {
-                    return None;
-                }
-                continue;
+/// Mean parameter at which a ray is in the unit cube; `None` if it misses it.
+fn mean_depth(eye: DVec3, direction: DVec3) -> Option<f64> {
+    let (mut from, mut to) = (0.0, f64::INFINITY);
+    for axis in 0..3 {
+        let (d, e) = (direction[axis], eye[axis]);
+        let ends = [-e / d, (1.0 - e) / d];
+        if d == 0.0 {
+            if !(0.0..=1.0).contains(&e) {
+                return None;
             }
-            from = ends[0].min(ends[1]).max(from);
-            to = ends[0].max(ends[1]).min(to);
+            continue;
         }
-        (from < to && to.is_finite()).then_some(0.5 * (from + to))
+        from = ends[0].min(ends[1]).max(from);
+        to = ends[0].max(ends[1]).min(to);
     }
+    (from < to && to.is_finite()).then_some(0.5 * (from + to))
 }
 
 /// What the cells have in common.
@@ -270,18 +318,14 @@ impl Scene<'_> {
             .unwrap_or(self.distance)
     }
 
-    /// Blur of the point at `depth` that a ray sees, on a part that is displaced by `moved`.
-    fn blur(&self, ray: DVec2, depth: f64, moved: Option<&[DMat4; 2]>) -> Blur {
+    /// Blur of the point at `depth` that a ray sees; `shift` is its own displacement, world.
+    fn blur(&self, ray: DVec2, depth: f64, shift: impl Fn(DVec3) -> DVec3) -> Blur {
         let point = ray.extend(1.0) * depth;
         let focal = self.camera.focal;
         let mut motion = DVec2::ZERO;
         if let Some(exposure) = &self.look.motion {
-            let own = moved.map_or(DVec3::ZERO, |[begin, end]| {
-                let world = self.pose.transform_point(point);
-                let along = end.transform_point3(world) - begin.transform_point3(world);
-                self.pose.rotation.inverse() * along
-            });
-            let shift = exposure.displacement(point) + own;
+            let own = shift(self.pose.transform_point(point));
+            let shift = exposure.displacement(point) + self.pose.rotation.inverse() * own;
             motion = (shift.truncate() - ray * shift.z) / depth * focal;
         }
         let circle = self

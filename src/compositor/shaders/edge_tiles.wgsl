@@ -29,7 +29,7 @@ fn find_edges(@builtin(position) at: vec4f) -> @location(0) u32 {
             let texel = corner + vec2i(2 * i + (j & 1), 2 * j + (i & 1));
             let there = textureLoad(shadow, clamp(texel, vec2i(0), last), 0);
             let key = key_of(there.a);
-            let level = there.a - 8.0 * key;
+            let level = share_level(there.a);
             low = min(low, there.rgb);
             high = max(high, there.rgb);
             levels = select(levels, vec2f(min(levels.x, level), max(levels.y, level)), level > 0.0);

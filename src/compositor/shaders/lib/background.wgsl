@@ -32,18 +32,29 @@ fn shadowed(code: vec3f, factor: vec3f, pixel: vec2i) -> vec3f {
     return select(linear * factor, max(linear - lacking, vec3f(0.0)), frame.counts.y == 1u);
 }
 
-// Key of the surface across a real edge near `pixel`, or the pixel's own key at the rim of a real
-// shadow; -1 without an edge, or if the edge makes no difference.
-fn across_real_edge(pixel: vec2i, own: vec4f, last: vec2i) -> f32 {
+// A real edge near a pixel.
+struct Across {
+    // Key of the surface across it, or the pixel's own key at the rim of a real shadow; -1 without an
+    // edge, or if the edge makes no difference.
+    key: f32,
+    // The light share, as a level, that separates the two sides of a rim.
+    middle: f32,
+}
+
+fn across_real_edge(pixel: vec2i, own: vec4f, last: vec2i) -> Across {
     var other = -1.0;
+    var levels = vec2f(share_level(own.a));
     for (var k = 0; k < 16; k++) {
         let r = EDGE_ERROR * select(1.0, 0.5, k >= 8);
         let q = clamp(pixel + vec2i(round(around(k) * r)), vec2i(0), last);
         let there = textureLoad(shadow, q, 0);
         let differs = any(abs(there.rgb - own.rgb) > vec3f(EDGE_CONTRAST));
         other = select(other, key_of(there.a), differs & real_edge(own.a, there.a));
+        let level = share_level(there.a);
+        let counts = (level > 0.0) & (key_of(there.a) == key_of(own.a));
+        levels = select(levels, vec2f(min(levels.x, level), max(levels.y, level)), counts);
     }
-    return other;
+    return Across(other, 0.5 * (levels.x + levels.y));
 }
 
 fn is_certain(q: vec2i, there: vec4f, last: vec2i) -> bool {
@@ -87,15 +98,20 @@ struct AtEdge {
 //
 //   f = (a fA A + (1 - a) fB B) / (a A + (1 - a) B)
 //
-// What `a` is shows as far as A differs from B, and texture on both sides is weak; otherwise the pixel
+// At the rim of a real shadow the factor changes as fast as the light: there it is that of pixels
+// which certainly lie on the same side. What `a` is shows as far as A differs from B, and texture on both sides is weak; otherwise the pixel
 // belongs to its own surface. The result is limited to the range of both sides.
 fn divided_at_edge(pixel: vec2i, linear: vec3f, own_factor: vec3f) -> AtEdge {
     let last = vec2i(textureDimensions(shadow)) - vec2i(1);
     let own = textureLoad(shadow, pixel, 0);
-    let other = across_real_edge(pixel, own, last);
+    let edge = across_real_edge(pixel, own, last);
+    let other = edge.key;
     if other < 0.0 {
         return AtEdge(vec3f(0.0), false);
     }
+    let is_rim = other == key_of(own.a);
+    let is_lit = share_level(own.a) > edge.middle;
+    let is_own_certain = !is_rim || is_certain(pixel, own, last);
     let nothing = Side(vec3f(0.0), 0.0, vec3f(0.0), 0.0);
     var here = nothing;
     var across = nothing;
@@ -108,9 +124,9 @@ fn divided_at_edge(pixel: vec2i, linear: vec3f, own_factor: vec3f) -> AtEdge {
         let key = key_of(there.a);
         let counts = ((key == key_of(own.a)) | (key == other)) && is_certain(q, there, last);
         let light = linear_of(textureLoad(camera, q, 0).rgb);
-        let same = !real_edge(own.a, there.a);
         // The rim of a real shadow lies within one surface.
-        let is_here = select(same, key == key_of(own.a), other != key_of(own.a));
+        let is_here = select(key == key_of(own.a), (share_level(there.a) > edge.middle) == is_lit, is_rim);
+        let same = is_own_certain & !real_edge(own.a, there.a);
         here = with_pixel(here, light, there.rgb, counts & is_here);
         across = with_pixel(across, light, there.rgb, counts & !is_here);
         // On the pixel's own side its own factor counts too: the shadow of a thin object, or in a
@@ -121,23 +137,26 @@ fn divided_at_edge(pixel: vec2i, linear: vec3f, own_factor: vec3f) -> AtEdge {
         high = select(high, max(high, light * highest), counts);
     }
     let two_sides = here.count > 0.0 && across.count > 0.0;
-    if !two_sides && (other != key_of(own.a) || low.r > high.r) {
+    if !two_sides && (!is_rim || low.r > high.r) {
         return AtEdge(vec3f(0.0), false);
     }
     let a_light = here.light / max(here.count, 1.0);
     let b_light = across.light / max(across.count, 1.0);
+    let a_factor = select(here.factor / max(here.count, 1.0), own_factor, is_own_certain | (here.count == 0.0));
     let b_factor = across.factor / max(across.count, 1.0);
     let apart = a_light - b_light;
     let contrast = length(apart) / max(length(a_light) + length(b_light), 1e-6);
     let a = clamp(dot(linear - b_light, apart) / max(dot(apart, apart), 1e-9), 0.0, 1.0);
     let mixed = mix(b_light, a_light, a);
-    let factor = mix(b_light * b_factor, a_light * own_factor, a) / max(mixed, vec3f(1e-6));
+    let factor = mix(b_light * b_factor, a_light * a_factor, a) / max(mixed, vec3f(1e-6));
     let spread = variance_of(here, a_light) + variance_of(across, b_light);
     let beside = linear - mixed;
     let texture = sqrt((dot(beside, beside) + spread) / max(dot(apart, apart), 1e-9));
     let known = select(0.0, 1.0, two_sides) * smoothstep(EDGE_KNOWN.x, EDGE_KNOWN.y, contrast)
         * (1.0 - smoothstep(EDGE_TEXTURE.x, EDGE_TEXTURE.y, texture));
-    return AtEdge(clamp(linear * mix(own_factor, factor, known), low, high), true);
+    let divided = clamp(linear * mix(own_factor, factor, known), low, high);
+    let at_rim = mix(linear * own_factor, clamp(linear * factor, low, high), known);
+    return AtEdge(select(divided, at_rim, is_rim), true);
 }
 
 // The picture's light with what a real mirror shows of virtual objects; see `in_real_mirror`.

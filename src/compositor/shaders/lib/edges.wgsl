@@ -33,10 +33,15 @@ fn key_of(packed: f32) -> f32 {
     return floor(packed / 8.0);
 }
 
+// The light share beside a surface's key, from 1 to SHARE_LEVELS; 0 if it is unknown.
+fn share_level(packed: f32) -> f32 {
+    return packed - 8.0 * key_of(packed);
+}
+
 // Whether a real edge separates two texels of the shadow buffer: they lie on different surfaces, or
 // only one of them is in real shadow.
 fn real_edge(a: f32, b: f32) -> bool {
-    let level = vec2f(a, b) - 8.0 * vec2f(key_of(a), key_of(b));
+    let level = vec2f(share_level(a), share_level(b));
     let known = all(level > vec2f(0.0));
     return (key_of(a) != key_of(b)) | (known & (abs(level.x - level.y) > 1.0));
 }
