@@ -1,11 +1,28 @@
 //! Surfels by their place: which one represents a point of a surface, and the mean around it.
 
 use super::obstacles::SurfacePoint;
-use glam::{IVec3, Vec3};
+use glam::{IVec3, Vec2, Vec3};
 use std::ops::Range;
 
 /// Largest number of cells along an axis.
 const LONGEST: f32 = 64.0;
+
+/// Rows of cells along x around that of a point, nearest first: steps in y and z.
+const NEIGHBOURS: [[i32; 2]; 9] = [
+    [0, 0],
+    [-1, 0],
+    [1, 0],
+    [0, -1],
+    [0, 1],
+    [-1, -1],
+    [-1, 1],
+    [1, -1],
+    [1, 1],
+];
+
+/// Distance, in cells, up to which a surfel with the normal of a point counts before a nearer one of the
+/// other side of a wall.
+const MAX_RING: i32 = 5;
 
 /// Distance within which surfels count in a mean, in cells.
 const REACH: i32 = 2;
@@ -21,6 +38,7 @@ pub struct SurfelIndex {
     begins: Vec<u32>,
     /// Numbers of the surfels in ascending order of their cells.
     surfels: Vec<u32>,
+    /// Their positions and normals, in the same order.
     places: Vec<(Vec3, Vec3)>,
 }
 
@@ -52,6 +70,8 @@ impl SurfelIndex {
         for i in 1..index.begins.len() {
             index.begins[i] += index.begins[i - 1];
         }
+        let sorted = index.surfels.iter().map(|i| index.places[*i as usize]);
+        index.places = sorted.collect();
         index
     }
 
@@ -82,10 +102,10 @@ impl SurfelIndex {
         let (mut sum, mut weight) = (Vec3::ZERO, 0.0);
         for row in (from.z..=to.z).flat_map(|z| (from.y..=to.y).map(move |y| (y, z))) {
             let number = |x: i32| self.number(IVec3::new(x, row.0, row.1));
-            let range = self.begins[number(from.x)]..self.begins[number(to.x) + 1];
-            for i in &self.surfels[range.start as usize..range.end as usize] {
-                let (position, normal) = self.places[*i as usize];
-                let far = ((position - p) * scale).length_squared();
+            let range = self.range(number(from.x), number(to.x));
+            let surfels = &self.surfels[range.clone()];
+            for (i, (position, normal)) in surfels.iter().zip(&self.places[range]) {
+                let far = ((*position - p) * scale).length_squared();
                 let w = (1.0 - far).max(0.0).powi(2) * normal.dot(n).max(0.0);
                 sum += values.get(*i as usize).copied().unwrap_or_default() * w;
                 weight += w;
@@ -94,54 +114,70 @@ impl SurfelIndex {
         (weight > 1e-4).then(|| sum / weight)
     }
 
-    /// Returns the surfel nearest to `hit`, where surfels with another normal count as farther away.
+    /// Returns the surfel nearest to `hit`, where surfels with another normal count as farther away. Of
+    /// surfels farther than [`MAX_RING`] cells only if there is none within.
     pub(super) fn nearest(&self, hit: &SurfacePoint) -> Option<u32> {
         if self.is_empty() {
             return None;
         }
         let centre = self.cell_of(hit.point);
         let mut best = (f32::INFINITY, u32::MAX);
-        for ring in 0..self.size.max_element() {
-            // Surfels of this ring and beyond are at least so far away.
-            let least = (ring - 1).max(0) as f32 * self.cell;
+        let mut visit = |range: Range<usize>, best: &mut (f32, u32)| {
+            let places = &self.places[range.clone()];
+            for (i, place) in self.surfels[range].iter().zip(places) {
+                let found = (distance(*place, hit), *i);
+                if found < *best {
+                    *best = found;
+                }
+            }
+        };
+        let beside = (hit.point - self.low) / self.cell - centre.as_vec3();
+        for [y, z] in NEIGHBOURS {
+            // How far the row of cells is at least.
+            let away = |step: i32, at: f32| match step {
+                0 => 0.0,
+                1 => 1.0 - at,
+                _ => at,
+            };
+            let gap = Vec2::new(away(y, beside.y), away(z, beside.z)).max(Vec2::ZERO) * self.cell;
+            let row = centre + IVec3::new(0, y, z);
+            let inside = row.cmpge(IVec3::ZERO).all() && row.cmplt(self.size).all();
+            if inside && gap.length_squared() <= best.0 {
+                let ends = [(row.x - 1).max(0), (row.x + 1).min(self.size.x - 1)];
+                let [first, last] = ends.map(|x| self.number(IVec3::new(x, row.y, row.z)));
+                visit(self.range(first, last), &mut best);
+            }
+        }
+        for ring in 2..self.size.max_element().min(MAX_RING + 1) {
+            // Surfels that were not visited yet are at least so far away.
+            let least = (ring - 1) as f32 * self.cell;
             if best.0 < least * least {
                 break;
             }
-            self.for_each_in_ring(centre, ring, |i| {
-                let distance = self.distance(i, hit);
-                if (distance, i) < best {
-                    best = (distance, i);
-                }
-            });
+            self.for_each_in_ring(centre, ring, |range| visit(range, &mut best));
+        }
+        if best.0 == f32::INFINITY {
+            visit(0..self.places.len(), &mut best);
         }
         best.0.is_finite().then_some(best.1)
     }
 
-    /// Square of a distance, which grows with the angle between the normals.
-    fn distance(&self, surfel: u32, hit: &SurfacePoint) -> f32 {
-        let (position, normal) = self.places[surfel as usize];
-        let inclination = 1.0 - normal.dot(hit.normal);
-        // The other side of a thin wall has another light.
-        let behind = if inclination > 1.0 { 1e3 } else { 1.0 };
-        position.distance_squared(hit.point) * (1.0 + 8.0 * inclination * inclination) * behind
-    }
-
     /// Visits the surfels in the cells whose largest distance from `centre` along an axis is `ring`.
-    fn for_each_in_ring(&self, centre: IVec3, ring: i32, mut visit: impl FnMut(u32)) {
+    fn for_each_in_ring(&self, centre: IVec3, ring: i32, mut visit: impl FnMut(Range<usize>)) {
         let low = (centre - ring).max(IVec3::ZERO);
         let high = (centre + ring).min(self.size - 1);
         for z in low.z..=high.z {
             for y in low.y..=high.y {
-                let is_face = (z - centre.z).abs() == ring || (y - centre.y).abs() == ring;
+                let number = |x: i32| self.number(IVec3::new(x, y, z));
+                if (z - centre.z).abs() == ring || (y - centre.y).abs() == ring {
+                    visit(self.range(number(low.x), number(high.x)));
+                    continue;
+                }
                 // Inside of the ring's cube only its two ends along x belong to it.
-                let step = if is_face { 1 } else { (2 * ring).max(1) };
-                let first = if is_face { low.x } else { centre.x - ring };
-                for x in (first..=high.x)
-                    .step_by(step as usize)
-                    .filter(|x| *x >= low.x)
-                {
-                    let range = self.range(self.number(IVec3::new(x, y, z)));
-                    self.surfels[range].iter().copied().for_each(&mut visit);
+                for x in [centre.x - ring, centre.x + ring] {
+                    if (0..self.size.x).contains(&x) {
+                        visit(self.range(number(x), number(x)));
+                    }
                 }
             }
         }
@@ -156,9 +192,19 @@ impl SurfelIndex {
         ((cell.z * self.size.y + cell.y) * self.size.x + cell.x) as usize
     }
 
-    fn range(&self, cell: usize) -> Range<usize> {
-        self.begins[cell] as usize..self.begins[cell + 1] as usize
+    /// Where the surfels of cells `first` to `last` of a row are.
+    fn range(&self, first: usize, last: usize) -> Range<usize> {
+        self.begins[first] as usize..self.begins[last + 1] as usize
     }
+}
+
+/// Square of the distance of a surfel (position, normal), which grows with the angle between the
+/// normals.
+fn distance((position, normal): (Vec3, Vec3), hit: &SurfacePoint) -> f32 {
+    let inclination = 1.0 - normal.dot(hit.normal);
+    // The other side of a thin wall has another light.
+    let behind = if inclination > 1.0 { 1e3 } else { 1.0 };
+    position.distance_squared(hit.point) * (1.0 + 8.0 * inclination * inclination) * behind
 }
 
 #[cfg(test)]
@@ -187,17 +233,19 @@ mod tests {
 
     #[test]
     fn it_finds_what_a_search_of_all_finds() {
-        let index = SurfelIndex::new(scattered(700, 0.1), 0.08);
+        let places = scattered(700, 0.1);
+        let index = SurfelIndex::new(places.clone(), 0.08);
         for (k, (point, normal)) in scattered(300, 0.7).into_iter().enumerate() {
             // Some lie outside of the grid.
             let point = point * if k % 5 == 0 { 3.0 } else { 1.0 };
             let hit = SurfacePoint { point, normal };
-            let all = (0..700).min_by(|a, b| {
-                index
-                    .distance(*a, &hit)
-                    .total_cmp(&index.distance(*b, &hit))
-            });
-            assert_eq!(index.nearest(&hit), all, "{point}");
+            let of = |i: &u32| distance(places[*i as usize], &hit);
+            let nearest =
+                |among: &mut dyn Iterator<Item = u32>| among.min_by(|a, b| of(a).total_cmp(&of(b)));
+            let steps = |i: &u32| index.cell_of(places[*i as usize].0) - index.cell_of(point);
+            let near = (0..700).filter(|i| steps(i).abs().max_element() <= MAX_RING);
+            let found = nearest(&mut near.into_iter()).or_else(|| nearest(&mut (0..700)));
+            assert_eq!(index.nearest(&hit), found, "{point}");
         }
     }
 
