@@ -87,25 +87,23 @@ impl View {
     pub fn towards_each<S: Simd>(&self, simd: S, p: [S::f32s; 3]) -> [S::f32s; 3] {
         let fixed = self.light.towards(Vec3::ZERO);
         let nearness = simd.splat_f32s(self.light.place.inverse_distance);
-        let along = |fixed: f32, p: S::f32s| {
-            simd.sub_f32s(simd.splat_f32s(fixed), simd.mul_f32s(nearness, p))
-        };
         let [x, y, z] = p;
-        [along(fixed.x, x), along(fixed.y, y), along(fixed.z, z)]
+        [
+            simd.sub_f32s(simd.splat_f32s(fixed.x), simd.mul_f32s(nearness, x)),
+            simd.sub_f32s(simd.splat_f32s(fixed.y), simd.mul_f32s(nearness, y)),
+            simd.sub_f32s(simd.splat_f32s(fixed.z), simd.mul_f32s(nearness, z)),
+        ]
     }
 
     /// Texel coordinates of points, and their distances away from the light, metres. Points behind
     /// a near light are moved in front of it.
     #[inline(always)]
     pub fn project_each<S: Simd>(&self, simd: S, p: [S::f32s; 3]) -> ([S::f32s; 2], S::f32s) {
-        let (place, to_light) = (&self.light.place, self.light.direction);
-        let along = |axis: Vec3| {
-            let own = dot(simd, p, axis);
-            simd.sub_f32s(own, simd.splat_f32s(axis.dot(place.reference)))
-        };
-        // No closures over arrays: they would be compiled for the oldest processors.
-        let (mut x, mut y) = (along(self.right), along(self.up));
-        let mut away = along(-to_light);
+        let place = &self.light.place;
+        // No closures: they would be compiled for the oldest processors.
+        let mut x = along(simd, p, self.right, place.reference);
+        let mut y = along(simd, p, self.up, place.reference);
+        let mut away = along(simd, p, -self.light.direction, place.reference);
         if self.is_near() {
             let (one, least) = (simd.splat_f32s(1.0), simd.splat_f32s(LEAST_W));
             let nearness = simd.splat_f32s(place.inverse_distance);
@@ -115,11 +113,12 @@ impl View {
             y = simd.mul_f32s(y, inverse);
             away = simd.mul_f32s(away, inverse);
         }
-        let texel = |x, low: f32| {
-            let own = simd.sub_f32s(x, simd.splat_f32s(low));
-            simd.mul_f32s(own, simd.splat_f32s(self.scale))
-        };
-        ([texel(x, self.low.x), texel(y, self.low.y)], away)
+        let scale = simd.splat_f32s(self.scale);
+        let texel = [
+            simd.mul_f32s(simd.sub_f32s(x, simd.splat_f32s(self.low.x)), scale),
+            simd.mul_f32s(simd.sub_f32s(y, simd.splat_f32s(self.low.y)), scale),
+        ];
+        (texel, away)
     }
 
     /// Changes of distance per texel on surfaces with normals `n` at points from which `towards`
@@ -335,6 +334,12 @@ impl DepthMap {
         let left = simd.select_f32s(left, one, zero);
         between(simd, left, simd.select_f32s(right, one, zero), f)
     }
+}
+
+/// Coordinates of points along an axis, from those of `origin` on.
+#[inline(always)]
+fn along<S: Simd>(simd: S, p: [S::f32s; 3], axis: Vec3, origin: Vec3) -> S::f32s {
+    simd.sub_f32s(dot(simd, p, axis), simd.splat_f32s(axis.dot(origin)))
 }
 
 /// Numbers limited to 0 to `last`.
