@@ -58,13 +58,21 @@ pub(super) fn raise(
     clipped: &[u32],
 ) {
     for &i in clipped {
-        let apart =
-            |(direction, _): &&(Vec3, Vec3)| direction.distance(pixels.directions[i as usize]);
-        let nearest = factors.iter().min_by(|a, b| apart(a).total_cmp(&apart(b)));
-        if let Some((_, factor)) = nearest.filter(|near| apart(near) < NEAR_SOURCE) {
-            radiance[i as usize] *= *factor;
+        if let Some(factor) = nearest_factor(factors, pixels.directions[i as usize]) {
+            radiance[i as usize] *= factor;
         }
     }
+}
+
+/// The factor on a clipped pixel in `direction`: that of the nearest source, if it is near enough.
+/// `factors`: unit vectors towards sources, and their factors.
+#[must_use]
+pub fn nearest_factor(factors: &[(Vec3, Vec3)], direction: Vec3) -> Option<Vec3> {
+    let apart = |(source, _): &&(Vec3, Vec3)| source.distance(direction);
+    let nearest = factors
+        .iter()
+        .min_by(|a, b| apart(a).total_cmp(&apart(b)))?;
+    (apart(&nearest) < NEAR_SOURCE).then_some(nearest.1)
 }
 
 /// Returns the factor on clipped pixels for which the ground receives `measured`, per channel.

@@ -19,7 +19,7 @@ pub mod box_chain;
 pub mod brightest;
 mod cells;
 mod circle;
-mod clipped;
+pub mod clipped;
 pub mod compact_source_specular;
 pub mod cube;
 pub mod dome;

@@ -7,6 +7,7 @@ use penumbra_camera::{PinholeCamera, Response, Vignetting};
 use penumbra_config::{EnvironmentConfig, LightPlaces};
 use penumbra_interface::RigidTransform;
 use penumbra_lighting::adaptive::CompactSource;
+use penumbra_lighting::clipped::nearest_factor;
 use penumbra_lighting::lamp_distance::{DistanceSearch, SeenSurfaces, SurfacePoint};
 use penumbra_lighting::place::LampDistance;
 use penumbra_lighting::sources::LUMINANCE;
@@ -87,6 +88,8 @@ pub(crate) struct LampPlaces {
     stated: Vec<DVec3>,
     is_estimated: bool,
     known: Vec<Known>,
+    /// Directions and factors that the light was last estimated with.
+    applied: Vec<(Vec3, Vec3)>,
     /// Pictures until the next look.
     rests: u32,
     /// Number of looks.
@@ -116,6 +119,7 @@ impl LampPlaces {
                 .collect(),
             is_estimated: settings.light_places == LightPlaces::Estimate,
             known: Vec::new(),
+            applied: Vec::new(),
             rests: 0,
             looks: 0,
             settling: 0,
@@ -155,7 +159,12 @@ impl LampPlaces {
         let known = self.known.iter();
         let distances: Vec<_> = known.map(|k| (k.id, k.distance)).collect();
         estimator.set_distances(&distances);
-        estimator.set_clipped_factors(self.known.iter().map(|k| (k.direction, k.factor)));
+        // What is left of a source when its clipped pixels have become a source of their own has none.
+        let is_clipped = |k: &&Known| sources.iter().any(|s| s.id == k.id && s.clipped > 0.0);
+        let clipped = self.known.iter().filter(is_clipped);
+        self.applied.clear();
+        self.applied.extend(clipped.map(|k| (k.direction, k.factor)));
+        estimator.set_clipped_factors(self.applied.iter().copied());
         gained
     }
 
@@ -175,7 +184,7 @@ impl LampPlaces {
         for source in sources {
             let stated = self.stated_distance(source, observer);
             if let Some(distance) = stated.filter(|_| self.known(source.id).is_none()) {
-                self.note(source, distance, Vec3::ONE);
+                self.note(source, distance, self.applied_to(source));
                 gained = true;
             }
         }
@@ -199,6 +208,12 @@ impl LampPlaces {
             Some(known) => *known = now,
             None => self.known.push(now),
         }
+    }
+
+    /// The factor that is in the light of a source already.
+    fn applied_to(&self, source: &CompactSource) -> Vec3 {
+        let nearest = nearest_factor(&self.applied, source.direction);
+        nearest.filter(|_| source.clipped > 0.0).unwrap_or(Vec3::ONE)
     }
 
     /// The distance of a stated light in the direction of a source.
@@ -317,7 +332,8 @@ impl LampPlaces {
         for k in new {
             let distance = found.iter().find(|(lamp, _)| *lamp == k);
             let distance = distance.map_or(LampDistance::FAR, |(_, distance)| *distance);
-            let factor = self.known(lamps[k].id).map_or(Vec3::ONE, |k| k.factor);
+            let known = self.known(lamps[k].id);
+            let factor = known.map_or_else(|| self.applied_to(&lamps[k]), |k| k.factor);
             self.note(&lamps[k], distance, factor);
         }
         found.iter().any(|(_, distance)| distance.inverse > 0.0)
@@ -456,6 +472,23 @@ mod tests {
             parted |= known.parts(&others);
         }
         parted
+    }
+
+    #[test]
+    fn source_takes_over_the_factor_that_is_in_its_light() {
+        let rays = Arc::new(RayCaster::from_parts(&[]));
+        let rig = penumbra_rig_model::RigDocument::uncalibrated(64, 48).calibration;
+        let mut places = LampPlaces::new(&rig, rays, &EnvironmentConfig::default());
+        places.applied = vec![(Vec3::X, Vec3::splat(8.0)), (Vec3::Y, Vec3::splat(3.0))];
+        let clipped = |azimuth| CompactSource {
+            clipped: 0.9,
+            ..source(1, azimuth)
+        };
+        assert_eq!(places.applied_to(&clipped(0.1)), Vec3::splat(8.0));
+        assert_eq!(places.applied_to(&clipped(1.5)), Vec3::splat(3.0));
+        assert_eq!(places.applied_to(&clipped(0.8)), Vec3::ONE);
+        // None of its pixels was raised.
+        assert_eq!(places.applied_to(&source(1, 0.1)), Vec3::ONE);
     }
 
     #[test]
