@@ -19,16 +19,19 @@
 mod agreement;
 mod energy;
 mod faces;
+mod openness;
 mod search;
 
 pub use agreement::SurfaceAgreement;
+pub use openness::Occluders;
 
 use super::adaptive::CompactSource;
 use super::light::Harmonics;
 use super::place::LampDistance;
 use super::sources::LUMINANCE;
 use faces::Faces;
-use glam::{DVec3, Vec3};
+use glam::{DVec3, Vec3, Vec4};
+use openness::openness;
 
 /// A point of a real surface that the scene camera sees.
 #[derive(Clone, Copy, Debug)]
@@ -128,24 +131,27 @@ struct Pair {
 
 impl<'a> DistanceSearch<'a> {
     /// Prepares the search: `lamps`, strongest first, with the distances that are known so far,
-    /// seen from `observer` (world, metres); `irradiance` is that of the rest of the environment.
+    /// seen from `observer` (world, metres); `irradiance` is that of the rest of the environment, and
+    /// `occluders` tell what hides a part of it, if that is known.
     #[must_use]
     pub fn new(
         surfaces: &'a SeenSurfaces,
         lamps: &[SeenLamp],
-        irradiance: &Harmonics,
+        (irradiance, occluders): (&Harmonics, Option<&Occluders<'_>>),
         observer: DVec3,
         blocked: &'a Blocked<'a>,
     ) -> Self {
-        let rest = |p: &Option<SurfacePoint>| {
+        let seen = occluders.map(|occluders| openness(surfaces, occluders));
+        let rest = |(i, p): (usize, &Option<SurfacePoint>)| {
             let light = p.map_or(Vec3::ZERO, |p| irradiance.irradiance(p.normal));
-            values(light.max(Vec3::splat(1e-6)))
+            let seen = seen.as_ref().map_or(Vec4::W, |seen| seen[i]);
+            values((light * seen.w + seen.truncate()).max(Vec3::splat(1e-6)))
         };
         let mut search = Self {
             surfaces,
             observer,
             blocked,
-            rest: surfaces.points.iter().map(rest).collect(),
+            rest: surfaces.points.iter().enumerate().map(rest).collect(),
             by_lamp: Vec::new(),
             lamps: lamps.to_vec(),
             scale: SCALE.1,

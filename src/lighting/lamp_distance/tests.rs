@@ -135,7 +135,7 @@ pub fn sky() -> Harmonics {
 fn found(table: &Table, known: &[(DVec3, f64)]) -> Vec<LampDistance> {
     let (seen, sources) = (table.seen(), table.sources());
     let blocked = |o: DVec3, to: DVec3, farthest: f64| blocked(known, o, to, farthest);
-    let mut search = DistanceSearch::new(&seen, &sources, &sky(), OBSERVER, &blocked);
+    let mut search = DistanceSearch::new(&seen, &sources, (&sky(), None), OBSERVER, &blocked);
     let all = 0..sources.len();
     let found = search.find_together(&all.collect::<Vec<_>>());
     found.into_iter().map(|(_, distance)| distance).collect()
@@ -188,7 +188,7 @@ fn wide_lamps_are_found_by_their_soft_shadows() {
     lamps[0].source.angular_radius = 0.2;
     lamps[0].parts = parts;
     let blocked = |o: DVec3, to: DVec3, farthest: f64| blocked(&BALLS, o, to, farthest);
-    let mut search = DistanceSearch::new(&seen, &lamps, &sky(), OBSERVER, &blocked);
+    let mut search = DistanceSearch::new(&seen, &lamps, (&sky(), None), OBSERVER, &blocked);
     let (_, found) = search.find_together(&[0])[0];
     let expected = centre.distance(OBSERVER).recip() as f32;
     let error = (found.inverse - expected).abs() / expected;
@@ -245,7 +245,7 @@ fn the_depth_of_shadows_tells_how_bright_a_clipped_lamp_is() {
     let lost = Vec3::new(0.5, 0.4, 0.3);
     sources[0].source.irradiance *= lost;
     let blocked = |o: DVec3, to: DVec3, farthest: f64| blocked(&BALLS, o, to, farthest);
-    let mut search = DistanceSearch::new(&seen, &sources, &sky(), OBSERVER, &blocked);
+    let mut search = DistanceSearch::new(&seen, &sources, (&sky(), None), OBSERVER, &blocked);
     search.find_together(&[0]);
     let mut factor = Vec3::ONE;
     for _ in 0..3 {

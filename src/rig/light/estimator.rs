@@ -216,7 +216,9 @@ impl LightEstimator {
         };
         let mut lighting = estimator.update(&input)?;
         for _ in 0..LOOKS {
-            if !self.places.look(scene, &lighting, estimator) {
+            self.phantoms.radiance(&lighting);
+            let light = (&*lighting, &self.phantoms);
+            if !self.places.look(scene, light, estimator) {
                 break;
             }
             lighting = estimator.update(&input)?;
@@ -283,7 +285,9 @@ impl LightEstimator {
         };
         let mut lighting = estimator.update(&input)?;
         for _ in 0..LOOKS {
-            if !self.places.look(scene, &lighting, estimator) {
+            self.phantoms.radiance(&lighting);
+            let light = (&*lighting, &self.phantoms);
+            if !self.places.look(scene, light, estimator) {
                 break;
             }
             lighting = estimator.update(&input)?;

@@ -1,6 +1,7 @@
 //! Places of the lamps: as stated, or estimated from real shadows in the scene camera's picture.
 
 use crate::light::agreement::{Agreements, PictureAgreement};
+use crate::light::surfaces::PhantomSurfaces;
 use crate::light::view::SceneView;
 use glam::{DVec2, DVec3, Vec3};
 use penumbra_camera::{PinholeCamera, Response, Vignetting};
@@ -142,10 +143,11 @@ impl LampPlaces {
 
     /// Looks at the shadows in a picture, if it is time to, and tells `estimator` the distances of
     /// its lamps; true if a lamp has gained a place that had none, so that the light is another.
+    /// `phantoms` are as bright as they are in this light.
     pub(crate) fn look(
         &mut self,
         scene: &SceneView<'_>,
-        lighting: &Lighting,
+        (lighting, phantoms): (&Lighting, &PhantomSurfaces),
         estimator: &mut EnvironmentEstimator,
     ) -> bool {
         let Some(observer) = estimator.observer() else {
@@ -155,7 +157,7 @@ impl LampPlaces {
         let sources = estimator.sources();
         self.follow(&sources);
         let mut gained = self.place_stated(&sources, observer);
-        gained |= self.estimate(scene, lighting, (estimator, &sources, observer));
+        gained |= self.estimate(scene, (lighting, phantoms), (estimator, &sources, observer));
         let known = self.known.iter();
         let distances: Vec<_> = known.map(|k| (k.id, k.distance)).collect();
         estimator.set_distances(&distances);
@@ -163,7 +165,8 @@ impl LampPlaces {
         let is_clipped = |k: &&Known| sources.iter().any(|s| s.id == k.id && s.clipped > 0.0);
         let clipped = self.known.iter().filter(is_clipped);
         self.applied.clear();
-        self.applied.extend(clipped.map(|k| (k.direction, k.factor)));
+        self.applied
+            .extend(clipped.map(|k| (k.direction, k.factor)));
         estimator.set_clipped_factors(self.applied.iter().copied());
         gained
     }
@@ -213,7 +216,9 @@ impl LampPlaces {
     /// The factor that is in the light of a source already.
     fn applied_to(&self, source: &CompactSource) -> Vec3 {
         let nearest = nearest_factor(&self.applied, source.direction);
-        nearest.filter(|_| source.clipped > 0.0).unwrap_or(Vec3::ONE)
+        nearest
+            .filter(|_| source.clipped > 0.0)
+            .unwrap_or(Vec3::ONE)
     }
 
     /// The distance of a stated light in the direction of a source.
@@ -244,7 +249,7 @@ impl LampPlaces {
     fn estimate(
         &mut self,
         scene: &SceneView<'_>,
-        lighting: &Lighting,
+        (lighting, phantoms): (&Lighting, &PhantomSurfaces),
         (estimator, sources, observer): (&EnvironmentEstimator, &[CompactSource], DVec3),
     ) -> bool {
         let Some(pose) = scene.world_from_camera.filter(|_| self.is_estimated) else {
@@ -276,8 +281,14 @@ impl LampPlaces {
         let surfaces = std::mem::take(&mut self.surfaces);
         let blocked =
             |origin: DVec3, to: DVec3, farthest: f64| rays.is_blocked(origin, to, farthest);
-        let mut search =
-            DistanceSearch::new(&surfaces, &seen, &lighting.irradiance, observer, &blocked);
+        let occluders = |origin: DVec3, to: DVec3| phantoms.met(origin, to);
+        let mut search = DistanceSearch::new(
+            &surfaces,
+            &seen,
+            (&lighting.irradiance, Some(&occluders)),
+            observer,
+            &blocked,
+        );
         let new: Vec<usize> = (0..lamps.len().min(LAMPS))
             .filter(|k| self.known(lamps[*k].id).is_none())
             .collect();

@@ -2,7 +2,7 @@
 //! picture.
 
 use crate::light::view::SceneView;
-use glam::{DVec2, Vec3};
+use glam::{DVec2, DVec3, Vec3};
 use penumbra_camera::Vignetting;
 use penumbra_camera::{PinholeCamera, Response};
 use penumbra_interface::RigidTransform;
@@ -207,6 +207,14 @@ impl PhantomSurfaces {
             .filter(|(_, weight)| *weight >= MIN_WEIGHT);
         let (sum, count) = sides.fold((Vec3::ZERO, 0.0), |(s, n), (mean, _)| (s + *mean, n + 1.0));
         (count > 0.0).then(|| sum / count)
+    }
+
+    /// Returns the radiance, as by the last [`Self::radiance`], of the phantom that is met in a direction.
+    pub(crate) fn met(&self, origin: DVec3, direction: DVec3) -> Option<Vec3> {
+        let hit = self.rays.nearest(origin, direction)?;
+        let sides = self.radiance.get(hit.surface as usize)?;
+        let side = side_of(hit.shading_normal.as_vec3());
+        sides.get(side as usize).copied()
     }
 
     /// Adds an observation to the running mean of a side; the window is 200 observations.

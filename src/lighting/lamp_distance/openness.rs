@@ -1,0 +1,68 @@
+//! What points see of the sky past phantoms, and of phantoms in its place: real shadows are deeper beside
+//! what casts them, because it hides a part of the sky, too.
+
+use super::{SeenSurfaces, SurfacePoint};
+use crate::cube::tangent_frame;
+use glam::{DVec3, Vec3, Vec4};
+use std::f32::consts::{PI, TAU};
+
+/// Radiance of the phantom that is met in a direction (second argument) from an origin (world, metres);
+/// `None` where there is none.
+pub type Occluders<'a> = dyn Fn(DVec3, DVec3) -> Option<Vec3> + 'a;
+
+/// Directions in which a point looks.
+const RAYS: usize = 24;
+/// Points from one that looks to the next, in rows and in columns: what they see changes slowly.
+const STEP: usize = 2;
+/// Fraction of a turn from one direction to the next (golden angle).
+const GOLDEN: f32 = 0.381_966;
+
+/// For each point the irradiance that phantoms above it reflect, and in w the share of the light from above,
+/// weighted by its cosine, that they leave.
+pub(super) fn openness(surfaces: &SeenSurfaces, occluders: &Occluders<'_>) -> Vec<Vec4> {
+    let (width, points) = (surfaces.width.max(1), &surfaces.points);
+    let looks = |i: usize| (i % width).is_multiple_of(STEP) && (i / width).is_multiple_of(STEP);
+    let looked = points.iter().enumerate();
+    let looked = looked.map(|(i, point)| {
+        let point = point.filter(|_| looks(i));
+        point.map(|p| look(&p, occluders))
+    });
+    let looked: Vec<Option<Vec4>> = looked.collect();
+    let beside = |i: usize, p: &SurfacePoint| {
+        let (x, y) = (i % width, i / width);
+        let near = (y.saturating_sub(1)..=y + 1).flat_map(|v| {
+            (x.saturating_sub(1)..=(x + 1).min(width - 1)).map(move |u| v * width + u)
+        });
+        let (sum, count) = near
+            .filter(|k| matches!(points.get(*k), Some(Some(q)) if q.is_beside(p)))
+            .filter_map(|k| looked.get(k).copied().flatten())
+            .fold((Vec4::ZERO, 0.0), |(sum, count), seen| {
+                (sum + seen, count + 1.0)
+            });
+        (count > 0.0).then(|| sum / count)
+    };
+    let each = points.iter().enumerate().map(|(i, point)| {
+        let known = looked[i].or_else(|| beside(i, point.as_ref()?));
+        known.unwrap_or_else(|| point.map_or(Vec4::W, |p| look(&p, occluders)))
+    });
+    each.collect()
+}
+
+fn look(point: &SurfacePoint, occluders: &Occluders<'_>) -> Vec4 {
+    let (right, up) = tangent_frame(point.normal);
+    let origin = point.position + 1e-3 * point.normal.as_dvec3();
+    let mut seen = Vec4::ZERO;
+    for k in 0..RAYS {
+        let share = (k as f32 + 0.5) / RAYS as f32;
+        let (sin, cos) = (TAU * GOLDEN * k as f32).sin_cos();
+        let across = (right * cos + up * sin) * share.sqrt();
+        let towards = across + point.normal * (1.0 - share).sqrt();
+        // What the ground reflects is not hidden by anything that stands on it.
+        let met = (towards.z > 0.0).then(|| occluders(origin, towards.as_dvec3()));
+        seen += match met.flatten() {
+            Some(radiance) => (PI * radiance).extend(0.0),
+            None => Vec4::W,
+        };
+    }
+    seen / RAYS as f32
+}
