@@ -7,6 +7,8 @@ use std::collections::BTreeMap;
 const OFFSET: [usize; 1] = [3];
 /// Least difference of the logarithms of the predicted irradiance: half-light and noise tell nothing.
 const CONTRAST: f32 = 0.25;
+/// Difference of the logarithms of all other light up to which a pair tells of one lamp.
+const EVEN: f32 = 0.1;
 /// Least number of pairs in a part of the picture, and of parts that show a surface.
 const MIN_PAIRS: u32 = 6;
 const MIN_BLOCKS: u32 = 3;
@@ -33,11 +35,34 @@ impl DistanceSearch<'_> {
     #[must_use]
     pub fn agreement(&self) -> Vec<SurfaceAgreement> {
         let log = self.log_irradiance(LUMINANCE_OF, None);
-        // Number of pairs and sum of their differences.
+        let blocks = self.differences(&log, |_, _| true);
+        let mut surfaces: Vec<u32> = blocks.keys().map(|(surface, _)| *surface).collect();
+        surfaces.dedup();
+        let of = |surface: u32| {
+            let blocks = blocks.range((surface, 0)..=(surface, usize::MAX));
+            summary(surface, blocks.map(|(_, block)| *block))
+        };
+        surfaces.into_iter().filter_map(of).collect()
+    }
+
+    /// The agreement of all surfaces together with these logarithms of the luminance that arrives, where
+    /// that without a lamp, `others`, hardly changes.
+    pub(super) fn agreement_with(&self, log: &[f32], others: &[f32]) -> Option<SurfaceAgreement> {
+        let is_even = |i: usize, k: usize| (others[i] - others[k]).abs() < EVEN;
+        let blocks = self.differences(log, is_even);
+        summary(0, blocks.values().copied())
+    }
+
+    /// By surface and part of the picture, the number of pairs that count and the sum of their differences.
+    fn differences(
+        &self,
+        log: &[f32],
+        counts: impl Fn(usize, usize) -> bool,
+    ) -> BTreeMap<(u32, usize), (u32, f32)> {
         let mut blocks: BTreeMap<(u32, usize), (u32, f32)> = BTreeMap::new();
         self.every_two(&OFFSET, |i, k, p, q| {
             let predicted = log[i] - log[k];
-            if predicted.abs() > CONTRAST {
+            if predicted.abs() > CONTRAST && counts(i, k) {
                 let seen = p.log_values[LUMINANCE_OF] - q.log_values[LUMINANCE_OF];
                 let difference = predicted.signum() * (seen - predicted);
                 let block = blocks.entry((p.surface, self.block(i))).or_default();
@@ -46,13 +71,7 @@ impl DistanceSearch<'_> {
             }
         });
         blocks.retain(|_, (pairs, _)| *pairs >= MIN_PAIRS);
-        let mut surfaces: Vec<u32> = blocks.keys().map(|(surface, _)| *surface).collect();
-        surfaces.dedup();
-        let of = |surface: u32| {
-            let blocks = blocks.range((surface, 0)..=(surface, usize::MAX));
-            summary(surface, blocks.map(|(_, block)| *block))
-        };
-        surfaces.into_iter().filter_map(of).collect()
+        blocks
     }
 }
 

@@ -1,6 +1,6 @@
 //! The energy of clipped lamps, from the depth of shadows and the shading of faces.
 
-use super::{DistanceSearch, LUMINANCE_OF, Losses, best, improvement};
+use super::{DistanceSearch, LUMINANCE, LUMINANCE_OF, Losses, SurfaceAgreement, best, improvement};
 use glam::Vec3;
 
 /// Student's t from which more light is likely: a clipped lamp has more than its pixels show.
@@ -11,6 +11,13 @@ const LIKELY_BY_FACES: f32 = 1.7;
 const LAST_OCTAVE: f32 = 11.0;
 /// Spacing of the searched factors, octaves, in the first and in the second step.
 const OCTAVES: [f32; 2] = [1.0 / 3.0, 1.0 / 12.0];
+
+/// Difference of the mean contrast of shadows, logarithms, from which on it counts for more than the least
+/// loss. A pose that is slightly wrong makes a smaller one.
+const DIFFERS: f32 = 0.12;
+/// By how much the two may differ, octaves, and the steps in which the difference is found.
+const EVENED: f32 = 0.5;
+const HALVINGS: u32 = 6;
 
 /// The best factor of a search.
 struct FoundFactor {
@@ -64,7 +71,11 @@ impl DistanceSearch<'_> {
         } else {
             [0.0, LAST_OCTAVE]
         };
-        let (all, by_faces) = self.best_factor(lamp, range, significant);
+        let (mut all, by_faces) = self.best_factor(lamp, range, significant);
+        let is_hard = self.lamps[lamp].parts.len() == 1;
+        let evened = is_hard && !by_faces && (is_corrected || all != 1.0);
+        let evened = evened.then(|| self.evened(lamp, all)).flatten();
+        all *= evened.unwrap_or(1.0);
         let mut found = Vec3::splat(all);
         if is_corrected || all != 1.0 {
             // The colour of clipped pixels is that of the camera's white.
@@ -74,11 +85,46 @@ impl DistanceSearch<'_> {
                 let best = self.search_factor(channel, lamp, start, by_faces);
                 found[channel] *= best.judged(significant);
             }
+            if evened.is_some() {
+                // They tell the colour; the luminance is known better.
+                let light = self.lamps[lamp].source.irradiance;
+                let luminance = |factor: Vec3| (light * factor).dot(LUMINANCE);
+                found *= luminance(Vec3::splat(all)) / luminance(found).max(1e-9);
+            }
         }
         let found = found.max(known.recip());
         self.lamps[lamp].source.irradiance *= found;
         self.scale = self.texture_scale();
         found
+    }
+
+    /// Returns the factor, in addition to `start`, with which the depth of its shadows agrees on average;
+    /// `None` if the least loss agrees with it.
+    /// The least loss is that of most pairs of points, and those far apart see different parts of the sky.
+    /// Only for hard shadows: beside soft ones, half of a pair may lie in the penumbra.
+    fn evened(&self, lamp: usize, start: f32) -> Option<f32> {
+        let light = self.lamps[lamp].source.irradiance * start;
+        let with = |light: Vec3| {
+            let other = (self.by_lamp[lamp].as_slice(), light);
+            self.log_irradiance(LUMINANCE_OF, Some((lamp, other)))
+        };
+        let others = with(Vec3::ZERO);
+        let at = |octaves: f32| self.agreement_with(&with(light * octaves.exp2()), &others);
+        let differs = |a: SurfaceAgreement| a.difference.abs() > DIFFERS.max(3.0 * a.sigma);
+        if !at(0.0).is_some_and(differs) {
+            return None;
+        }
+        // Real shadows are deeper than predicted below the factor, and weaker above it.
+        let (mut low, mut high) = (-EVENED, EVENED);
+        for _ in 0..HALVINGS {
+            let middle = 0.5 * (low + high);
+            match at(middle) {
+                Some(a) if a.difference > 0.0 => low = middle,
+                Some(_) => high = middle,
+                None => return None,
+            }
+        }
+        Some((0.5 * (low + high)).exp2())
     }
 
     /// Returns the best factor within a range of octaves on the light of a lamp, 1 if it is not better
