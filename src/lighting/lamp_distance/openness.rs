@@ -66,3 +66,39 @@ fn look(point: &SurfacePoint, occluders: &Occluders<'_>) -> Vec4 {
     }
     seen / RAYS as f32
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The wall x = 0, endless along y, hides ½ (1 − d/√(d² + h²)) of the sky from the ground at a distance d.
+    #[test]
+    fn wall_hides_its_form_factor_of_the_sky() {
+        const HEIGHT: f64 = 2.0;
+        let wall = |from: DVec3, to: DVec3| {
+            let met = to.x < 0.0 && from.z - to.z * from.x / to.x < HEIGHT;
+            met.then_some(Vec3::splat(0.5))
+        };
+        let point = |x: usize| SurfacePoint {
+            position: DVec3::new(0.5 * x as f64 + 0.25, 0.0, 0.0),
+            normal: Vec3::Z,
+            log_values: [0.0; 4],
+            surface: 0,
+        };
+        let surfaces = SeenSurfaces {
+            width: 8,
+            points: (0..8).map(|x| Some(point(x))).collect(),
+        };
+        for (x, seen) in openness(&surfaces, &wall).into_iter().enumerate() {
+            let d = point(x).position.x;
+            let hidden = 0.5 * (1.0 - d / d.hypot(HEIGHT)) as f32;
+            assert!((1.0 - seen.w - hidden).abs() < 0.06, "{d}: {seen} {hidden}");
+            assert!((seen.x - (1.0 - seen.w) * 0.5 * PI).abs() < 1e-5);
+        }
+        let none = SeenSurfaces {
+            width: 8,
+            points: vec![None; 8],
+        };
+        assert_eq!(openness(&none, &wall), [Vec4::W; 8]);
+    }
+}

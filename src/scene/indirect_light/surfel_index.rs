@@ -122,7 +122,7 @@ impl SurfelIndex {
         }
         let centre = self.cell_of(hit.point);
         let mut best = (f32::INFINITY, u32::MAX);
-        let mut visit = |range: Range<usize>, best: &mut (f32, u32)| {
+        let visit = |range: Range<usize>, best: &mut (f32, u32)| {
             let places = &self.places[range.clone()];
             for (i, place) in self.surfels[range].iter().zip(places) {
                 let found = (distance(*place, hit), *i);
