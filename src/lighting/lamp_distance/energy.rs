@@ -13,7 +13,7 @@ const LAST_OCTAVE: f32 = 11.0;
 const OCTAVES: [f32; 2] = [1.0 / 3.0, 1.0 / 12.0];
 
 /// Difference of the mean contrast of shadows, logarithms, from which on it counts for more than the least
-/// loss. A pose that is slightly wrong makes a smaller one.
+/// loss. Where it is smaller, the least loss found lamps indoors better.
 const DIFFERS: f32 = 0.12;
 /// By how much the two may differ, octaves, and the steps in which the difference is found.
 const EVENED: f32 = 0.5;
