@@ -99,8 +99,10 @@ struct AtEdge {
 //   f = (a fA A + (1 - a) fB B) / (a A + (1 - a) B)
 //
 // At the rim of a real shadow the factor changes as fast as the light: there it is that of pixels
-// which certainly lie on the same side. What `a` is shows as far as A differs from B, and texture on both sides is weak; otherwise the pixel
-// belongs to its own surface. The result is limited to the range of both sides.
+// which certainly lie on the same side. What `a` is shows as far as A differs from B, and texture on
+// both sides is weak; otherwise the pixel belongs to its own surface, and at a rim, where a pixel
+// that is darkened twice shows more than one that is not darkened enough, the larger factor counts.
+// The result is limited to the range of both sides.
 fn divided_at_edge(pixel: vec2i, linear: vec3f, own_factor: vec3f) -> AtEdge {
     let last = vec2i(textureDimensions(shadow)) - vec2i(1);
     let own = textureLoad(shadow, pixel, 0);
@@ -155,7 +157,7 @@ fn divided_at_edge(pixel: vec2i, linear: vec3f, own_factor: vec3f) -> AtEdge {
     let known = select(0.0, 1.0, two_sides) * smoothstep(EDGE_KNOWN.x, EDGE_KNOWN.y, contrast)
         * (1.0 - smoothstep(EDGE_TEXTURE.x, EDGE_TEXTURE.y, texture));
     let divided = clamp(linear * mix(own_factor, factor, known), low, high);
-    let at_rim = mix(linear * own_factor, clamp(linear * factor, low, high), known);
+    let at_rim = mix(min(linear * max(own_factor, factor), high), clamp(linear * factor, low, high), known);
     return AtEdge(select(divided, at_rim, is_rim), true);
 }
 
