@@ -201,7 +201,7 @@ fn room_lights(file: &[file::RoomLight]) -> Result<Vec<[f64; 3]>> {
 fn white_balance(file: &file::WhiteBalance, out: &mut WhiteBalanceConfig) -> Result<()> {
     set(&mut out.method, file.method);
     set(&mut out.matrix, file.matrix);
-    set(&mut out.same_camera, file.same_camera);
+    out.same_camera = file.same_camera;
     if let Some(gains) = file.gains {
         if gains.iter().any(|g| !(0.01..=100.0).contains(g)) {
             return Err(Fault::new(

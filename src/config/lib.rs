@@ -195,8 +195,9 @@ pub struct WhiteBalanceConfig {
     pub gains: [f32; 3],
     /// Estimate a 3×3 matrix instead of three gains, where the method can.
     pub matrix: bool,
-    /// Both cameras are of one model, with the same white balance and picture settings.
-    pub same_camera: bool,
+    /// Whether both cameras are of one model, with the same white balance and picture settings;
+    /// `None`: as the cameras' names tell.
+    pub same_camera: Option<bool>,
 }
 
 /// `[shadows]`
@@ -402,7 +403,7 @@ impl Default for WhiteBalanceConfig {
             method: WhiteBalanceMethod::Auto,
             gains: [1.0; 3],
             matrix: false,
-            same_camera: false,
+            same_camera: None,
         }
     }
 }

@@ -6,7 +6,8 @@ use crate::source::Source;
 use penumbra_config::{Config, PoseSource};
 use penumbra_fiducials::TagMap;
 use penumbra_interface::RigidTransform;
-use penumbra_rig_model::lens_files::SCENE_LENS;
+use penumbra_rig_model::lens_files::{ENVIRONMENT_LENS, SCENE_LENS};
+use penumbra_rig_model::lens_record::LensRecord;
 use penumbra_rig_model::{RigCalibration, RigDocument, RigFilesError};
 use penumbra_scene::Scene;
 use penumbra_sync::{PoseAt, RigFrame};
@@ -26,6 +27,8 @@ pub struct RigSetup {
     pub tags: Option<TagMap>,
     /// Whether the rig has calibration files.
     pub calibrated: bool,
+    /// Whether the lens calibrations of both cameras name the same product.
+    pub one_product: bool,
 }
 
 /// Number of pixels that a picture may have whatever the calibration: 16 Mpixel.
@@ -71,6 +74,7 @@ impl RigSetup {
                 .iter()
                 .any(|file| source.attachment(file).is_some()),
             scene,
+            one_product: are_one_product(|file| source.attachment(file)),
         })
     }
 
@@ -95,6 +99,15 @@ impl RigSetup {
         let sensor = transmitter_from_sensor;
         tracker.map_or(sensor, |t| t.world_from_scene_camera(sensor))
     }
+}
+
+/// Whether the lens calibrations of both cameras name the same product.
+fn are_one_product<'a>(attachment: impl Fn(&str) -> Option<&'a [u8]>) -> bool {
+    let product = |file: &str| {
+        let record = LensRecord::parse(file, attachment(file)?).ok()?;
+        Some(record.device?.name)
+    };
+    product(SCENE_LENS).is_some_and(|scene| product(ENVIRONMENT_LENS) == Some(scene))
 }
 
 /// Reads the description of the rig, with the configured source of light.
@@ -156,4 +169,36 @@ fn calibration(document: &RigDocument, config: &Config) -> RigCalibration {
         }
     }
     rig
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::DVec2;
+    use penumbra_camera::{Lens, LensModel};
+    use penumbra_rig_model::DeviceRecord;
+
+    fn record(name: Option<&str>) -> Vec<u8> {
+        let (focal, centre) = (DVec2::splat(50.0), DVec2::new(32.0, 24.0));
+        let lens = Lens::ideal(LensModel::Brown, (64, 48), focal, centre);
+        let device = name.map(|name| DeviceRecord {
+            name: name.to_owned(),
+            serial: None,
+        });
+        let record = LensRecord::from_lens(&lens, "scene", String::new());
+        serde_json::to_vec(&LensRecord { device, ..record }).unwrap()
+    }
+
+    #[test]
+    fn lens_calibrations_tell_whether_both_cameras_are_one_product() {
+        let told = |scene: Option<&str>, environment: Option<&str>| {
+            let (scene, environment) = (record(scene), record(environment));
+            are_one_product(|file| Some(if file == SCENE_LENS { &scene } else { &environment }))
+        };
+        assert!(told(Some("HD USB Camera"), Some("HD USB Camera")));
+        assert!(!told(Some("HD USB Camera"), Some("C930e")));
+        assert!(!told(None, None));
+        let scene = record(Some("C930e"));
+        assert!(!are_one_product(|file| (file == SCENE_LENS).then_some(&scene)));
+    }
 }

@@ -392,6 +392,7 @@ const fn method(provenance: Provenance) -> WhiteBalanceMethod {
         Provenance::Reflectance => WhiteBalanceMethod::KnownSurface,
         Provenance::SameCamera => WhiteBalanceMethod::SameCamera,
         Provenance::SameModel => WhiteBalanceMethod::SameModel,
+        Provenance::SameProduct => WhiteBalanceMethod::SameProduct,
         Provenance::Fixed => WhiteBalanceMethod::Configured,
         Provenance::GreyWorld => WhiteBalanceMethod::GreyWorld,
         Provenance::Unknown => WhiteBalanceMethod::None,

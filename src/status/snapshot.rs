@@ -342,6 +342,8 @@ pub enum WhiteBalanceMethod {
     SameCamera,
     /// Both cameras are of one model, as the configuration states.
     SameModel,
+    /// Both cameras have one product name, and are assumed to have the same settings.
+    SameProduct,
     /// Configured gains.
     Configured,
     /// No correction.

@@ -31,6 +31,6 @@ mod selection;
 
 pub use exposure::ExposureRatio;
 pub use gains::GainEstimate;
-pub use selection::WhiteBalanceMatch;
+pub use selection::{SameModel, WhiteBalanceMatch};
 pub use settings::{CalibratedGains, Provenance, WhiteBalanceMethod, WhiteBalanceSettings};
 pub use status::{MatchStatus, MethodStatus};

@@ -16,15 +16,32 @@ pub struct WhiteBalanceMatch {
     same_camera: bool,
     exposures: ExposureRatio,
     calibrated: Option<CalibratedGains>,
-    same_model: bool,
+    same_model: Option<SameModel>,
     chart: Option<Result<ChartMatch, ChartError>>,
     overlap: GainTracker,
     reflectance: Option<GainEstimate>,
     grey_world: Option<GainEstimate>,
 }
 
-/// Assumed standard error of the gains of two cameras of one model, relative.
-const SAME_MODEL_SD: f64 = 0.03;
+/// How it is known that both cameras are of one model.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum SameModel {
+    /// The user states it, and that their settings are the same.
+    Stated,
+    /// Their product names are the same. Their settings may differ.
+    ByName,
+}
+
+impl SameModel {
+    /// Assumed standard error of the gains, relative.
+    const fn standard_error(self) -> f64 {
+        match self {
+            Self::Stated => 0.03,
+            Self::ByName => 0.1,
+        }
+    }
+}
+
 /// An exposure at which both cameras of one model are equally bright, seconds; any will do.
 const REFERENCE_SECONDS: f64 = 0.01;
 /// Weight of a new reflectance or grey-world estimate in the moving average.
@@ -40,7 +57,7 @@ impl WhiteBalanceMatch {
             same_camera,
             exposures: ExposureRatio::default(),
             calibrated: None,
-            same_model: false,
+            same_model: None,
             chart: None,
             overlap: GainTracker::new(SmoothingOptions::default()),
             reflectance: None,
@@ -67,19 +84,20 @@ impl WhiteBalanceMatch {
     }
 
     /// States that both cameras are of one model with the same settings, so that their gains are the
-    /// ratio of their exposures. Calibrated gains and those of a chart replace it.
-    pub fn set_same_model(&mut self) {
-        self.same_model = true;
+    /// ratio of their exposures. Calibrated gains and those of a chart replace it, and where it is told
+    /// by names alone, everything that is measured.
+    pub fn set_same_model(&mut self, known: SameModel) {
+        self.same_model = Some(known);
         self.exposures = ExposureRatio::at(REFERENCE_SECONDS, REFERENCE_SECONDS);
     }
 
     /// Gains of 1 at equal exposures.
-    fn of_same_model(&self) -> Option<GainEstimate> {
-        let estimate = GainEstimate {
+    fn of_same_model(&self, wanted: SameModel) -> Option<GainEstimate> {
+        let known = self.same_model.filter(|known| *known == wanted)?;
+        Some(self.followed(GainEstimate {
             gains: DVec3::ONE,
-            relative_sd: DVec3::splat(SAME_MODEL_SD),
-        };
-        self.same_model.then(|| self.followed(estimate))
+            relative_sd: DVec3::splat(known.standard_error()),
+        }))
     }
 
     /// Calibrated gains, updated by the overlap.
@@ -218,9 +236,13 @@ impl WhiteBalanceMatch {
             (Provenance::Fixed, fixed.map(exact)),
             (Provenance::Calibrated, self.calibrated_now()),
             (Provenance::Chart, self.chart_match().map(|c| c.estimate)),
-            (Provenance::SameModel, self.of_same_model()),
+            (Provenance::SameModel, self.of_same_model(SameModel::Stated)),
             (Provenance::Overlap, self.overlap.estimate()),
             (Provenance::Reflectance, self.reflectance),
+            (
+                Provenance::SameProduct,
+                self.of_same_model(SameModel::ByName),
+            ),
             (Provenance::GreyWorld, self.grey_world),
         ];
         let list = list.into_iter();

@@ -151,6 +151,7 @@ impl Assessment {
             Provenance::Overlap => "surfaces seen by both cameras",
             Provenance::Reflectance => "surfaces of known reflectance",
             Provenance::SameModel => "the statement that both cameras are of one model",
+            Provenance::SameProduct => "the product name that both cameras have",
             Provenance::Fixed => "the configuration",
             Provenance::SameCamera | Provenance::GreyWorld | Provenance::Unknown => "nothing",
         };

@@ -34,7 +34,9 @@ use penumbra_white_balance::reflectance::{
     ReflectanceOptions, estimate_reflectance, gather_known, grey_world, irradiance_at,
     irradiance_past,
 };
-use penumbra_white_balance::{MatchStatus, Provenance, WhiteBalanceMatch, WhiteBalanceSettings};
+use penumbra_white_balance::{
+    MatchStatus, Provenance, SameModel, WhiteBalanceMatch, WhiteBalanceSettings,
+};
 use std::sync::Arc;
 
 /// Environment sets between two estimates of the gains from the cameras' overlap.
@@ -119,8 +121,13 @@ impl LightEstimator {
             white_balance.set_calibrated(gains);
         }
         let is_known = same_camera || white_balance.in_force().0 <= Provenance::Chart;
-        if config.white_balance.same_camera && !is_known {
-            white_balance.set_same_model();
+        let same_model = match config.white_balance.same_camera {
+            Some(true) => Some(SameModel::Stated),
+            None if setup.one_product => Some(SameModel::ByName),
+            _ => None,
+        };
+        if let Some(same_model) = same_model.filter(|_| !is_known) {
+            white_balance.set_same_model(same_model);
         }
         Ok(Self {
             estimator,

@@ -41,7 +41,7 @@ fn with(method: WhiteBalanceMethod) -> WhiteBalanceMatch {
 #[test]
 fn cameras_of_one_model_differ_by_their_exposures_alone() {
     let mut matched = with(WhiteBalanceMethod::Auto);
-    matched.set_same_model();
+    matched.set_same_model(SameModel::Stated);
     matched.update_grey_world(Some(known(GAINS, 0.5)));
     assert_eq!(matched.in_force().0, Provenance::SameModel);
     assert_eq!(matched.gains(), DVec3::ONE);
@@ -59,6 +59,18 @@ fn cameras_of_one_model_differ_by_their_exposures_alone() {
     assert!(matched.gains().x / matched.gains().z != 1.0);
     matched.set_chart(chart(GAINS));
     assert_eq!(matched.in_force().0, Provenance::Chart);
+}
+
+#[test]
+fn product_names_are_better_than_a_guess_and_worse_than_a_measurement() {
+    let mut matched = with(WhiteBalanceMethod::Auto);
+    matched.update_grey_world(Some(known(GAINS, 0.5)));
+    matched.set_same_model(SameModel::ByName);
+    assert_eq!(matched.in_force().0, Provenance::SameProduct);
+    assert_eq!(matched.gains(), DVec3::ONE);
+    assert_eq!(matched.status().notice, None);
+    matched.update_reflectance(Some(known(GAINS, 0.1)));
+    assert_eq!(matched.in_force().0, Provenance::Reflectance);
 }
 
 #[test]

@@ -155,6 +155,7 @@ fn updater() -> (LightUpdater, watch::Sender<Settings>) {
         fixed_pose: None,
         tags: None,
         calibrated: false,
+        one_product: false,
     };
     let estimator = LightEstimator::new(&setup, &Config::default(), &|_| None).unwrap();
     let (sender, requested) = watch::channel(Settings::default());
