@@ -193,12 +193,20 @@ mod tests {
     fn lens_calibrations_tell_whether_both_cameras_are_one_product() {
         let told = |scene: Option<&str>, environment: Option<&str>| {
             let (scene, environment) = (record(scene), record(environment));
-            are_one_product(|file| Some(if file == SCENE_LENS { &scene } else { &environment }))
+            are_one_product(|file| {
+                Some(if file == SCENE_LENS {
+                    &scene
+                } else {
+                    &environment
+                })
+            })
         };
         assert!(told(Some("HD USB Camera"), Some("HD USB Camera")));
         assert!(!told(Some("HD USB Camera"), Some("C930e")));
         assert!(!told(None, None));
         let scene = record(Some("C930e"));
-        assert!(!are_one_product(|file| (file == SCENE_LENS).then_some(&scene)));
+        assert!(!are_one_product(
+            |file| (file == SCENE_LENS).then_some(&scene)
+        ));
     }
 }
