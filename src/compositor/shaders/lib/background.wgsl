@@ -154,10 +154,12 @@ fn divided_at_edge(pixel: vec2i, linear: vec3f, own_factor: vec3f) -> AtEdge {
     let spread = variance_of(here, a_light) + variance_of(across, b_light);
     let beside = linear - mixed;
     let texture = sqrt((dot(beside, beside) + spread) / max(dot(apart, apart), 1e-9));
-    let known = select(0.0, 1.0, two_sides) * smoothstep(EDGE_KNOWN.x, EDGE_KNOWN.y, contrast)
-        * (1.0 - smoothstep(EDGE_TEXTURE.x, EDGE_TEXTURE.y, texture));
+    let differs = select(0.0, 1.0, two_sides) * smoothstep(EDGE_KNOWN.x, EDGE_KNOWN.y, contrast);
+    let known = differs * (1.0 - smoothstep(EDGE_TEXTURE.x, EDGE_TEXTURE.y, texture));
     let divided = clamp(linear * mix(own_factor, factor, known), low, high);
-    let at_rim = mix(min(linear * max(own_factor, factor), high), clamp(linear * factor, low, high), known);
+    let lightest = max(linear * own_factor, min(linear * factor, high));
+    let textured = mix(linear * own_factor, lightest, differs);
+    let at_rim = mix(textured, clamp(linear * factor, low, high), known);
     return AtEdge(select(divided, at_rim, is_rim), true);
 }
 
