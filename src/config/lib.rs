@@ -196,7 +196,7 @@ pub struct WhiteBalanceConfig {
     /// Estimate a 3×3 matrix instead of three gains, where the method can.
     pub matrix: bool,
     /// Whether both cameras are of one model, with the same white balance and picture settings;
-    /// `None`: as the cameras' names tell.
+    /// `None`: assumed of cameras whose lens calibrations name the same product.
     pub same_camera: Option<bool>,
 }
 

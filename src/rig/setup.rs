@@ -28,7 +28,7 @@ pub struct RigSetup {
     /// Whether the rig has calibration files.
     pub calibrated: bool,
     /// Whether the lens calibrations of both cameras name the same product.
-    pub one_product: bool,
+    pub same_product: bool,
 }
 
 /// Number of pixels that a picture may have whatever the calibration: 16 Mpixel.
@@ -74,7 +74,7 @@ impl RigSetup {
                 .iter()
                 .any(|file| source.attachment(file).is_some()),
             scene,
-            one_product: are_one_product(|file| source.attachment(file)),
+            same_product: name_same_product(|file| source.attachment(file)),
         })
     }
 
@@ -102,7 +102,7 @@ impl RigSetup {
 }
 
 /// Whether the lens calibrations of both cameras name the same product.
-fn are_one_product<'a>(attachment: impl Fn(&str) -> Option<&'a [u8]>) -> bool {
+fn name_same_product<'a>(attachment: impl Fn(&str) -> Option<&'a [u8]>) -> bool {
     let product = |file: &str| {
         let record = LensRecord::parse(file, attachment(file)?).ok()?;
         Some(record.device?.name)
@@ -190,10 +190,10 @@ mod tests {
     }
 
     #[test]
-    fn lens_calibrations_tell_whether_both_cameras_are_one_product() {
+    fn lens_calibrations_tell_whether_both_cameras_are_the_same_product() {
         let told = |scene: Option<&str>, environment: Option<&str>| {
             let (scene, environment) = (record(scene), record(environment));
-            are_one_product(|file| {
+            name_same_product(|file| {
                 Some(if file == SCENE_LENS {
                     &scene
                 } else {
@@ -205,7 +205,7 @@ mod tests {
         assert!(!told(Some("HD USB Camera"), Some("C930e")));
         assert!(!told(None, None));
         let scene = record(Some("C930e"));
-        assert!(!are_one_product(
+        assert!(!name_same_product(
             |file| (file == SCENE_LENS).then_some(&scene)
         ));
     }

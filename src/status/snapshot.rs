@@ -342,7 +342,7 @@ pub enum WhiteBalanceMethod {
     SameCamera,
     /// Both cameras are of one model, as the configuration states.
     SameModel,
-    /// Both cameras have one product name, and are assumed to have the same settings.
+    /// Both cameras have the same product name, and are assumed to have the same settings.
     SameProduct,
     /// Configured gains.
     Configured,

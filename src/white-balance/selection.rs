@@ -288,11 +288,19 @@ impl WhiteBalanceMatch {
         if let Some(Err(error)) = &self.chart {
             return Some(error.to_string());
         }
-        matches!(in_force, Provenance::GreyWorld | Provenance::Unknown).then(|| {
-            "the cameras' white balance is unknown: photograph a colour chart with both, set a \
-             phantom's albedo, or set `[white_balance] same_camera` if they are of one model"
-                .to_owned()
-        })
+        let notice = match in_force {
+            Provenance::SameProduct => {
+                "the cameras are assumed to have the same white balance, because both lens \
+                 calibrations name the same product: set `[white_balance] same_camera` to true if \
+                 they have, or photograph a colour chart with both"
+            }
+            Provenance::GreyWorld | Provenance::Unknown => {
+                "the cameras' white balance is unknown: photograph a colour chart with both, set a \
+                 phantom's albedo, or set `[white_balance] same_camera` if they are of one model"
+            }
+            _ => return None,
+        };
+        Some(notice.to_owned())
     }
 }
 

@@ -40,8 +40,8 @@ pub enum Provenance {
     Overlap,
     /// A surface of known reflectance.
     Reflectance,
-    /// Both cameras have one product name, so that they are assumed to be of one model with the same
-    /// settings; an assumed standard error of 10 %.
+    /// Both cameras have the same product name, so that they are assumed to be of one model with the
+    /// same settings; an assumed standard error of 10 %.
     SameProduct,
     /// The assumption that the scene is grey on average; standard error 50 %.
     GreyWorld,

@@ -123,7 +123,7 @@ impl LightEstimator {
         let is_known = same_camera || white_balance.in_force().0 <= Provenance::Chart;
         let same_model = match config.white_balance.same_camera {
             Some(true) => Some(SameModel::Stated),
-            None if setup.one_product => Some(SameModel::ByName),
+            None if setup.same_product => Some(SameModel::ByName),
             _ => None,
         };
         if let Some(same_model) = same_model.filter(|_| !is_known) {

@@ -68,7 +68,8 @@ fn product_names_are_better_than_a_guess_and_worse_than_a_measurement() {
     matched.set_same_model(SameModel::ByName);
     assert_eq!(matched.in_force().0, Provenance::SameProduct);
     assert_eq!(matched.gains(), DVec3::ONE);
-    assert_eq!(matched.status().notice, None);
+    let notice = matched.status().notice.unwrap();
+    assert!(notice.contains("same_camera"), "{notice}");
     matched.update_reflectance(Some(known(GAINS, 0.1)));
     assert_eq!(matched.in_force().0, Provenance::Reflectance);
 }

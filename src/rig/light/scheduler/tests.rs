@@ -155,7 +155,7 @@ fn updater() -> (LightUpdater, watch::Sender<Settings>) {
         fixed_pose: None,
         tags: None,
         calibrated: false,
-        one_product: false,
+        same_product: false,
     };
     let estimator = LightEstimator::new(&setup, &Config::default(), &|_| None).unwrap();
     let (sender, requested) = watch::channel(Settings::default());
