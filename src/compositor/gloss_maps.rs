@@ -2,7 +2,7 @@
 //! the response of lobes, and the compact sources.
 
 use super::gpu_data::CompactSourcesUniform;
-use super::texels::{half_texel, write_level};
+use super::texels::{HalfTexels, write_level};
 use crate::compiled::Device;
 use half::f16;
 use penumbra_lighting::box_chain::box_level;
@@ -27,7 +27,7 @@ pub struct GlossMaps {
     table_texture: wgpu::Texture,
     /// The maps for which the table holds levels.
     tabled: Option<(Filtering, u32, usize)>,
-    texels: Vec<[f16; 4]>,
+    texels: HalfTexels,
 }
 
 /// A cube map with its levels.
@@ -93,7 +93,7 @@ impl GlossMaps {
                 mapped_at_creation: false,
             }),
             tabled: None,
-            texels: Vec::new(),
+            texels: HalfTexels::default(),
         }
     }
 
@@ -126,10 +126,9 @@ impl GlossMaps {
     fn upload(&mut self, queue: &wgpu::Queue, map: &CubeMap, phong: bool) {
         let texels = &mut self.texels;
         let mut write = |cube: &Cube, level: usize, from: &[[f32; 3]]| {
-            texels.clear();
-            texels.extend(from.iter().map(|t| half_texel(*t)));
             let size = (map.size >> level).max(1);
-            write_level(queue, &cube.texture, level as u32, size, 6, texels);
+            let (texels, level) = (texels.converted(from), level as u32);
+            write_level(queue, &cube.texture, level, size, 6, texels);
         };
         for (level, from) in map.levels.iter().enumerate() {
             write(&self.ggx, level, from);

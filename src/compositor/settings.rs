@@ -10,9 +10,9 @@ pub struct CompositorSettings {
     /// Samples a pixel at the edges of virtual objects: 1 or 4.
     pub samples: u32,
     /// Look-ups of a shadow map per light and point, distributed over the extent of the light;
-    /// 1 = hard shadows, the cheapest.
+    /// 1 = hard shadows, the cheapest. Where light is kept on surfaces, only virtual lights have maps.
     pub soft_samples: u32,
-    /// Whether the light of the dome is kept on surfaces, for drivers that run on the processor.
+    /// Whether the light of the dome is kept on surfaces, which costs as much for many lights as for one.
     pub cached: bool,
     /// Maximum number of pages of 16×16 texels on which light is kept.
     pub cache_pages: usize,
@@ -31,7 +31,7 @@ pub struct CompositorSettings {
 const MANY_LIGHTS: u32 = 96;
 
 impl CompositorSettings {
-    /// The best settings for a real GPU or, with `software`, for a software driver.
+    /// The settings of the live picture on a real GPU or, with `software`, on a software driver.
     #[must_use]
     pub const fn for_adapter(software: bool) -> Self {
         Self {
@@ -39,7 +39,7 @@ impl CompositorSettings {
             shadow_map_size: 512,
             samples: 4,
             soft_samples: if software { 1 } else { 8 },
-            cached: software,
+            cached: true,
             cache_pages: 1500,
             in_background: false,
             waits_for_sources: false,
@@ -53,6 +53,7 @@ impl CompositorSettings {
     pub const fn best(software: bool) -> Self {
         Self {
             soft_samples: if software { 4 } else { 8 },
+            cached: false,
             waits_for_sources: true,
             reflection_step: 1,
             ..Self::for_adapter(false)

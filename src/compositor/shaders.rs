@@ -598,14 +598,21 @@ mod tests {
 
     #[test]
     fn every_shader_is_valid_wgsl() {
-        for (samples, soft, lamps) in [(1, 1, false), (4, 1, true), (4, 8, true), (4, 2, false)] {
+        let variants = [
+            (1, 1, false, false),
+            (4, 1, true, true),
+            (4, 8, true, false),
+            (4, 8, true, true),
+            (4, 2, false, true),
+        ];
+        for (samples, soft, lamps, cached) in variants {
             let variant = super::Variant {
                 samples,
                 soft,
                 lamps,
                 areas: soft > 1,
                 phong: samples > 1,
-                cached: soft <= 2 && samples > 1,
+                cached,
                 exposed: lamps,
                 rolling_shutter: samples > 1,
                 vignetting: samples > 1,

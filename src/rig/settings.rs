@@ -3,7 +3,7 @@
 use crate::frame::PreparedFrame;
 use penumbra_compositor::exposure::AutoLimits;
 use penumbra_compositor::{CompositorSettings, Exposure, Look};
-use penumbra_config::{Antialias, Config, ExposureMode, LookConfig, Quality};
+use penumbra_config::{Antialias, Config, ExposureMode, LookConfig, Quality, Technique};
 use penumbra_rig_model::RigCalibration;
 use penumbra_status::Settings;
 use penumbra_sync::PairingConfig;
@@ -76,7 +76,10 @@ pub(super) fn compositor_settings(
         Quality::Live => CompositorSettings::for_adapter(software),
         Quality::Best => CompositorSettings::best(software),
     };
+    // Planes are summed by a GPU per pixel, faster than by the processor for surfaces.
+    let on_pixels = !software && config.shadows.technique == Technique::ShadowingPlanes;
     CompositorSettings {
+        cached: automatic.cached && !on_pixels,
         light_budget: config.environment.light_count,
         shadow_map_size: config.shadows.map_size,
         samples: match config.picture.antialias {

@@ -90,6 +90,7 @@ impl Stage {
                 light_budget: 8,
                 shadow_map_size: 512,
                 soft_samples: 1,
+                cached: false,
                 ..CompositorSettings::for_adapter(false)
             },
             exposure: Exposure::Camera,

@@ -18,8 +18,10 @@ use wgpu::TextureUsages as U;
 
 /// Points of the lattice in a packet, each way.
 const PACKET: [usize; 2] = [4, 2];
-/// Rows of the lattice that a thread takes at a time.
-const ROWS: usize = 4;
+/// Rows of the lattice that a thread takes at a time; few, because most rays meet a few objects.
+const ROWS: usize = PACKET[1];
+/// Rows of pixels that it takes at a time.
+const PIXEL_ROWS: usize = 4;
 /// Rays for a lobe at a pixel that mirrors several things, ...
 const RAYS: usize = 12;
 /// ... and at a point of a lattice that stands for several pixels, or an outline.
@@ -158,7 +160,7 @@ impl ReflectionsStage {
             &self.lattice
         };
         self.texels.resize(across * down, NOTHING);
-        let strips = self.texels.chunks_exact_mut(TILE as usize * across);
+        let strips = self.texels.chunks_exact_mut(PIXEL_ROWS * across);
         threads::for_each(strips.enumerate().collect(), |(number, strip)| {
             work.fill(lattice, number, strip);
         });
@@ -275,20 +277,22 @@ impl Work<'_> {
         }
     }
 
-    /// Fills the pixels of row `number` of tiles.
+    /// Fills the pixels of strip `number` of [`PIXEL_ROWS`] rows.
     fn fill(&self, lattice: &[Nearby], number: usize, texels: &mut [Texel]) {
         let side = TILE as usize;
-        let across = texels.len() / side;
+        let across = texels.len() / PIXEL_ROWS;
         let [left, top, ..] = self.tiles.rectangle.map(|n| n as usize);
-        let covered = &self.tiles.covered[(top + number) * self.tiles.across as usize + left..];
+        let first = number * PIXEL_ROWS;
+        let tile_row = (top + first / side) * self.tiles.across as usize;
+        let covered = &self.tiles.covered[tile_row + left..];
         texels.fill(NOTHING);
         let LobeRays { few, many, .. } = self.rays;
         let kinds = [(few, true), (few, false), (many, false)];
         let mut waiting = kinds.map(|(slopes, is_outline)| Waiting::new(slopes, is_outline));
         for x in (0..across).filter(|x| covered[x / side] != 0) {
-            for y in 0..side {
+            for y in 0..PIXEL_ROWS {
                 let own = y * across + x;
-                let waiting = match self.between(lattice, across, (x, number * side + y)) {
+                let waiting = match self.between(lattice, across, (x, first + y)) {
                     Between::Known(found) => {
                         texels[own] = packed(&found);
                         continue;
@@ -297,7 +301,8 @@ impl Work<'_> {
                     Between::Curve => &mut waiting[1],
                     Between::Reflections => &mut waiting[2],
                 };
-                let pixel = Vec2::new((left * side + x) as f32, ((top + number) * side + y) as f32);
+                let row = top * side + first + y;
+                let pixel = Vec2::new((left * side + x) as f32, row as f32);
                 waiting.pixels[waiting.count] = pixel;
                 waiting.texels[waiting.count] = own;
                 waiting.count += 1;

@@ -5,7 +5,8 @@ use crate::timing::Timer;
 use penumbra_picture::Picture;
 
 fn gpu() -> Gpu {
-    Gpu::open(Some("llvmpipe")).expect("a Vulkan driver; `make test` installs a software one")
+    let adapter = std::env::var("PENUMBRA_TEST_ADAPTER").unwrap_or_else(|_| "llvmpipe".to_owned());
+    Gpu::open(Some(&adapter)).expect("a Vulkan driver; `make test` installs a software one")
 }
 
 /// The contents of a buffer of the device.

@@ -194,7 +194,8 @@ fn sums_and_differences_equal_those_of_the_device() {
                 let kinds = planes[k].kinds;
                 let theirs = expected[i % kinds][k * ONE + i / kinds];
                 let off = (*ours - theirs).truncate().abs().max_element();
-                assert!(off < 1e-3, "{step} {k} {i}: {ours} {theirs}");
+                // Half floats, and a GPU's interpolation weights of eight bits.
+                assert!(off < 2e-3, "{step} {k} {i}: {ours} {theirs}");
             }
         }
         luminance[3 * step] *= 1.5;

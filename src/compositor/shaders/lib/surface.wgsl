@@ -59,12 +59,12 @@ fn octahedron(shape: vec4u) -> vec2f {
     return unpack2x16snorm(shape.z | (shape.w << 16u));
 }
 
-// `properties`: as stored in `PackedSurface`. Emissive has 8 bits per channel and a shared exponent
-// (Ward 1991).
+// `properties`: as stored in `PackedSurface`. Emissive has a shared exponent (Ward 1991) and 8 bits per
+// channel for its square root: the darkest channel of a saturated colour would have steps of a tenth.
 fn packed_material(properties: vec4f, emissive: vec3f) -> vec4u {
     let brightest = max(max(emissive.r, emissive.g), emissive.b);
     let exponent = clamp(ceil(log2(max(brightest, 1e-30))), -64.0, 63.0);
-    let mantissa = clamp(emissive * exp2(-exponent), vec3f(0.0), vec3f(1.0));
+    let mantissa = sqrt(clamp(emissive * exp2(-exponent), vec3f(0.0), vec3f(1.0)));
     let light = pack4x8unorm(vec4f(mantissa, 0.0)) | (u32(exponent + 64.0) << 24u);
     return halves(pack4x8unorm(properties), light);
 }
@@ -74,6 +74,6 @@ fn properties_of(material: vec4u) -> vec4f {
 }
 
 fn emissive_of(material: vec4u) -> vec3f {
-    let mantissa = unpack4x8unorm(material.z | (material.w << 16u)).rgb;
-    return mantissa * exp2(f32(material.w >> 8u) - 64.0);
+    let root = unpack4x8unorm(material.z | (material.w << 16u)).rgb;
+    return root * root * exp2(f32(material.w >> 8u) - 64.0);
 }
