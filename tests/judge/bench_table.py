@@ -1,10 +1,10 @@
 #!/usr/bin/env python3
 """Put the figures of `penumbra bench --json FILE` into a table of the documentation.
 
-    tests/judge/bench_table.py FILE... [--write DOCUMENT] [--start PENUMBRA SESSION]
+    tests/judge/bench_table.py FILE... [--write DOCUMENT] [--mark bench-gpu] [--start PENUMBRA SESSION]
 
-The tables replace the text between the document's comments bench:begin and bench:end. The last one holds the figures to the
-aims for a software driver on two processors. With --start it also has how long a program takes from its start to the end of a
+The tables replace the text between the document's comments bench:begin and bench:end, or those of --mark. The last one holds
+the figures of a software driver to the aims for two processors. With --start it also has how long a program takes from its start to the end of a
 replay of one picture.
 """
 from __future__ import annotations
@@ -118,7 +118,8 @@ def table(files: list[Path], starts: Sequence[tuple[str, float, float]] = ()) ->
         lines += ["", LIVE_HEADING, "|---" * 10 + "|", *live_rows]
     rows, rigs = ([r for report in reports for r in report[kind]] for kind in ("rows", "live"))
     lost = [report["recovery_seconds"] for report in reports if report.get("recovery_seconds") is not None]
-    goals = aims(rows, rigs, [*starts, *(("graphics device lost in a live rig: s until the next picture", s, 2.0) for s in lost[:1])])
+    starts = [*starts, *(("graphics device lost in a live rig: s until the next picture", s, 2.0) for s in lost[:1])]
+    goals = aims(rows, rigs, starts) if all(report["software"] for report in reports) else aims([], [], starts)
     return "\n".join(lines + (["", "| aim | reached | aimed at | |", "|---" * 4 + "|", *goals] if goals else []))
 
 
@@ -126,6 +127,7 @@ def options() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("reports", nargs="+", type=Path, metavar="FILE", help="made by `penumbra bench --json FILE`")
     parser.add_argument("--write", type=Path, default=RESULTS / "bench.md", metavar="DOCUMENT", help="default: %(default)s")
+    parser.add_argument("--mark", default="bench", help="name of the comments; default: %(default)s")
     parser.add_argument("--start", nargs=2, metavar=("PENUMBRA", "SESSION"), help="measure starts, too")
     return parser.parse_args()
 
@@ -134,7 +136,7 @@ def main() -> int:
     a = options()
     try:
         text = table(a.reports, measured_starts(*a.start) if a.start else [])
-        write_between(a.write, "bench", text)
+        write_between(a.write, a.mark, text)
     except (OSError, KeyError, ValueError, subprocess.CalledProcessError) as error:
         print(f"bench_table: {type(error).__name__}: {error}", file=sys.stderr)
         return 2
