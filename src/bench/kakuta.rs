@@ -71,8 +71,6 @@ fn measure(gpu: &Gpu, case: &Case, options: &BenchOptions) -> Result<Row, GpuErr
     let bake = baked(gpu, &scene, case.planes)?;
     let settings = CompositorSettings {
         samples: if gpu.software { 1 } else { 4 },
-        // As the live picture by planes.
-        cached: gpu.software,
         ..CompositorSettings::for_adapter(gpu.software)
     };
     let mut compositor = Compositor::new(gpu.clone(), settings, Response::srgb());

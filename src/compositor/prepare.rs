@@ -335,7 +335,7 @@ impl Compositor {
                     let left = lights.iter().filter(|_| planes.leaves_sources(input));
                     compact.clear();
                     let left = left.filter(|light| light.kind == LightKind::Compact);
-                    compact.extend(left.map(|light| light.far()));
+                    compact.extend(left.copied());
                     compact
                 });
                 let (size, chosen) = (self.settings.map_size(), &mut self.chosen);

@@ -76,10 +76,10 @@ pub(super) fn compositor_settings(
         Quality::Live => CompositorSettings::for_adapter(software),
         Quality::Best => CompositorSettings::best(software),
     };
-    // Planes are summed by a GPU per pixel, faster than by the processor for surfaces.
-    let on_pixels = !software && config.shadows.technique == Technique::ShadowingPlanes;
+    // On surfaces, planes leave compact sources to shadow maps, which know where near lamps are.
+    let by_planes = config.shadows.technique == Technique::ShadowingPlanes;
     CompositorSettings {
-        cached: automatic.cached && !on_pixels,
+        cached: automatic.cached || by_planes,
         light_budget: config.environment.light_count,
         shadow_map_size: config.shadows.map_size,
         samples: match config.picture.antialias {

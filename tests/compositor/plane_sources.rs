@@ -7,8 +7,8 @@ use crate::stage::{Stage, gpu, sun};
 use glam::{Quat, Vec3};
 use penumbra_compositor::planes::{PlaneWork, SourceBaker};
 use penumbra_compositor::{Compositor, CompositorSettings};
-use penumbra_lighting::Lighting;
 use penumbra_lighting::geodesic::{Face, FaceLight, FaceSource, GeodesicDome};
+use penumbra_lighting::{LightPlace, Lighting};
 use penumbra_picture::Picture;
 use std::sync::Arc;
 
@@ -208,6 +208,30 @@ fn shadow_of_a_moving_sun_does_not_lag() {
     assert!(lagging > 50, "{lagging}");
     assert!(10 * on_surfaces < lagging, "{on_surfaces} {lagging}");
     assert!(10 * waiting < lagging, "{waiting} {lagging}");
+}
+
+/// The surface cache casts the shadow of a lamp half a metre away from where it is, and it fades with the
+/// square of the distance.
+#[test]
+fn near_lamp_lights_planes_from_its_place() {
+    let with_place = |inverse_distance: f32| {
+        let mut lighting = sunny(beside(), 1);
+        lighting.lights.last_mut().unwrap().place = LightPlace {
+            reference: Vec3::Z * 0.05,
+            inverse_distance,
+        };
+        let mut stage = stage_in(lighting);
+        stage.settings.cached = true;
+        stage
+    };
+    let [near, far] = [2.0, 0.0].map(with_place);
+    let twin = near.twin();
+    let [near, far] = [near, far].map(|stage| {
+        let (picture, work) = compose(&mut compositor(&stage), &stage, EXACT);
+        assert_eq!(work.sources, 1);
+        strays(&picture, &twin, 2, 8)
+    });
+    assert!(far > 100 && 10 * near < far, "{near} {far}");
 }
 
 #[test]

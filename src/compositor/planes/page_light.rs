@@ -120,24 +120,24 @@ pub(super) struct Compact {
 }
 
 impl Compact {
-    /// Adds a light to the `texels` of a page; `seen`: the share of it, from 0 to 255, that each texel
-    /// sees past virtual objects and past phantoms.
+    /// Adds a light to the `texels` of a page, with the places (world, metres) of all of the page's
+    /// texels; `seen`: the share of it, from 0 to 255, that each texel sees past virtual objects and
+    /// past phantoms.
     pub fn add(
         sums: &mut [Self; TEXELS],
-        (normals, texels): (&[PageNormal], &[ServedTexel]),
+        (normals, texels, places): (&[PageNormal], &[ServedTexel], &[Vec3]),
         light: &DomeLight,
         seen: [Option<&[u8; TEXELS]>; 2],
     ) {
-        let on = |n: &PageNormal| {
-            let cosine = n.normal.dot(light.direction).max(0.0);
-            (light.irradiance * cosine).extend(0.0)
+        let on = |n: &PageNormal, place: Vec3| {
+            (light.irradiance * light.facing(place, n.normal)).extend(0.0)
         };
         let share = |seen: Option<&[u8; TEXELS]>, k: usize| {
             seen.map_or(1.0, |seen| f32::from(seen[k]) * (1.0 / 255.0))
         };
         for texel in texels {
             let k = usize::from(texel.at);
-            let open = on(&normals[usize::from(texel.normal)]);
+            let open = on(&normals[usize::from(texel.normal)], places[k]);
             let real = open * share(seen[1], k);
             let sum = &mut sums[k];
             sum.open += open;

@@ -155,7 +155,7 @@ impl FrameLight<'_> {
         let each = pages.iter().zip(states).zip(number..).enumerate();
         for (column, ((page, state), number)) in each.filter(|(_, ((_, s), _))| s.is_due) {
             state.renew_indirect(self.indirect, page);
-            self.sum_compact(number, state, &mut compact);
+            self.sum_compact((number, page), state, &mut compact);
             let kinds = if is_real(page) { 2 } else { 1 };
             let of_page = PageLight {
                 open: self.open,
@@ -184,14 +184,20 @@ impl FrameLight<'_> {
     }
 
     /// Sums the light of compact sources on a page.
-    fn sum_compact(&self, number: u32, page: &ServedPage, sums: &mut [Compact; TEXELS]) {
+    fn sum_compact(
+        &self,
+        (number, receiver): (u32, &ReceiverPage),
+        page: &ServedPage,
+        sums: &mut [Compact; TEXELS],
+    ) {
         let Some((cache, lights)) = self.apart else {
             return;
         };
         let none = Compact::default();
         let used = page.texels.iter().map(|texel| usize::from(texel.at));
         used.for_each(|k| sums[k] = none);
-        let texels = (page.normals.as_slice(), page.texels.as_slice());
+        let places = receiver.texels.positions.as_slice();
+        let texels = (page.normals.as_slice(), page.texels.as_slice(), places);
         for (i, light) in lights.iter().enumerate() {
             Compact::add(sums, texels, light, cache.seen(i, number));
         }
