@@ -120,7 +120,7 @@ impl Header {
         if self.step != step {
             return Err(unusable(format!(
                 "is of the step `{}`, not `{step}`; rename it",
-                self.step
+                one_line(&self.step)
             )));
         }
         if self.verdict == Grade::Refused.name() {
@@ -147,6 +147,27 @@ pub fn parse<T: DeserializeOwned>(file: &str, bytes: &[u8]) -> Result<T, Calibra
         file: file.to_owned(),
         line: e.line(),
         column: e.column(),
-        reason: e.to_string(),
+        reason: one_line(&e.to_string()),
     })
+}
+
+/// Words from a file on one line of at most 200 characters.
+fn one_line(words: &str) -> String {
+    let visible = |c: char| if c.is_control() { ' ' } else { c };
+    words.chars().map(visible).take(200).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn messages_with_words_from_a_file_are_one_short_line() {
+        let step = format!("\nlens{}", "x".repeat(1000));
+        let file = serde_json::json!({"penumbra_calibration": 1, "step": step, "date": ""});
+        let header: Header = parse("lens.json", file.to_string().as_bytes()).unwrap();
+        let message = header.check("lens.json", "lens").unwrap_err().to_string();
+        assert!(message.starts_with("lens.json: is of the step ` lensxxx"));
+        assert!(!message.contains('\n') && message.len() < 300, "{message}");
+    }
 }
