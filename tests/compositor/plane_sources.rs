@@ -189,7 +189,7 @@ fn shadow_moves_smoothly_across_an_edge_between_faces() {
     assert!(ours.iter().all(|(_, work)| work.sources == 1));
 }
 
-/// On software drivers the surface cache casts the shadow of a moving sun, and at best quality
+/// Where light is kept on surfaces, the surface cache casts the shadow of a moving sun, and at best quality
 /// pictures wait for its images: in both the shadow lies where the sun is.
 #[test]
 fn shadow_of_a_moving_sun_does_not_lag() {

@@ -342,7 +342,7 @@ fn share_off(a: &Picture, b: &Picture) -> f64 {
     count as f64 / a.rgba.len() as f64
 }
 
-/// Light that software drivers keep on surfaces is that of the planes of every pixel, for every
+/// Light that is kept on surfaces is that of the planes of every pixel, for every
 /// viewer, also after pictures with shadow maps.
 #[test]
 fn planes_on_surfaces_give_the_light_of_pixels() {

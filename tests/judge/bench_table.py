@@ -4,8 +4,8 @@
     tests/judge/bench_table.py FILE... [--write DOCUMENT] [--mark bench-gpu] [--start PENUMBRA SESSION]
 
 The tables replace the text between the document's comments bench:begin and bench:end, or those of --mark. The last one holds
-the figures of a software driver to the aims for two processors. With --start it also has how long a program takes from its start to the end of a
-replay of one picture.
+the figures of a software driver to the aims for two processors. With --start it also has how long a program takes from its
+start to the end of a replay of one picture.
 """
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-//! Shadowing planes on the processor, for drivers that run there: sums of the basis images, and
-//! their light on the texels of the surface cache. The planes of every pixel would be too many
-//! look-ups, and drivers execute compute shaders slowly.
+//! Shadowing planes on the processor: sums of the basis images, and their light on the texels of the
+//! surface cache, together with that of compact sources, which may be near. The planes of every pixel
+//! would be too many look-ups for a software driver, and it executes compute shaders slowly.
 
 use super::super::gpu_data::FrameUniform;
 use super::super::shaders;

@@ -194,8 +194,9 @@ fn sums_and_differences_equal_those_of_the_device() {
                 let kinds = planes[k].kinds;
                 let theirs = expected[i % kinds][k * ONE + i / kinds];
                 let off = (*ours - theirs).truncate().abs().max_element();
-                // Half floats, and a GPU's interpolation weights of eight bits.
-                assert!(off < 2e-3, "{step} {k} {i}: {ours} {theirs}");
+                // Half floats; a GPU interpolates with weights of eight bits.
+                let most = if device.gpu.software { 1e-3 } else { 2e-3 };
+                assert!(off < most, "{step} {k} {i}: {ours} {theirs}");
             }
         }
         luminance[3 * step] *= 1.5;
