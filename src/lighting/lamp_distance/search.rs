@@ -21,8 +21,27 @@ const ROUNDS: usize = 8;
 const SETTLED: f32 = 0.02;
 /// Student's t from which an improvement is significant.
 const SIGNIFICANT: f32 = 3.0;
+/// What a lamp must show to be near: alone, and where another one is near. Lamps that are infinitely far are
+/// rare in a room.
+const ALONE: Needed = Needed {
+    better: SIGNIFICANT,
+    sigmas: 2.0,
+};
+const IN_A_ROOM: Needed = Needed {
+    better: 2.0,
+    sigmas: 1.0,
+};
 /// Largest angular radius of a lamp, radians, whose shadows tell a distance.
 const LARGEST: f32 = 0.35;
+
+/// The evidence that a lamp is near.
+#[derive(Clone, Copy)]
+struct Needed {
+    /// Student's t by which its reciprocal is better than 0.
+    better: f32,
+    /// How many standard deviations the reciprocal is above 0.
+    sigmas: f32,
+}
 
 /// Losses by reciprocals, 1/m.
 type Looked = Vec<(f32, Losses)>;
@@ -47,7 +66,7 @@ impl DistanceSearch<'_> {
             let form = self.form(&self.lamps[lamp], inverse);
             looked.push((inverse, self.losses(lamp, &form)));
         }
-        let found = judged(&looked, Some(known));
+        let found = judged(&looked, Some(known), ALONE);
         self.lamps[lamp].source.distance = found;
         self.by_lamp[lamp] = self.form(&self.lamps[lamp], found.inverse);
         Some(found)
@@ -66,11 +85,17 @@ impl DistanceSearch<'_> {
         let mut found = Vec::new();
         self.settle(&mut searched);
         loop {
-            let judge = |s: &mut Searched| {
-                let looked = self.look(s, [0.0, NEAREST]);
-                (better_than_far(&looked), judged(&looked, None))
-            };
-            let all: Vec<(f32, LampDistance)> = searched.iter_mut().map(judge).collect();
+            let look = |s: &mut Searched| self.look(s, [0.0, NEAREST]);
+            let looked: Vec<Looked> = searched.iter_mut().map(look).collect();
+            let is_known = |k: usize| searched.iter().all(|s| s.lamp != k);
+            let known = self.lamps.iter().enumerate().filter(|(k, _)| is_known(*k));
+            let is_room = known
+                .map(|(_, lamp)| lamp.source.distance.inverse)
+                .any(|i| i > 0.0)
+                || looked.iter().any(|l| judged(l, None, ALONE).inverse > 0.0);
+            let needed = if is_room { IN_A_ROOM } else { ALONE };
+            let judge = |l: &Looked| (better_than_far(l), judged(l, None, needed));
+            let all: Vec<(f32, LampDistance)> = looked.iter().map(judge).collect();
             let far = all.iter().enumerate().filter(|(_, l)| l.1.inverse == 0.0);
             let Some((k, (_, distance))) = far.min_by(|a, b| a.1.0.total_cmp(&b.1.0)) else {
                 let near = searched.iter().zip(all);
@@ -191,12 +216,12 @@ fn better_than_far(looked: &[(f32, Losses)]) -> f32 {
 
 /// The best reciprocal, with its standard deviation, if it is significantly better than 0; of a
 /// lamp whose reciprocal is `known`, that one unless another is better.
-fn judged(looked: &[(f32, Losses)], known: Option<f32>) -> LampDistance {
+fn judged(looked: &[(f32, Losses)], known: Option<f32>, needed: Needed) -> LampDistance {
     let mut inverse = best(looked, 0.0);
     let losses = |wanted: f32| losses_at(looked, wanted);
     if let Some(known) = known {
-        let needed = if inverse == 0.0 { SIGNIFICANT } else { 1.0 };
-        if improvement(losses(known), losses(inverse)) < needed {
+        let significant = if inverse == 0.0 { SIGNIFICANT } else { 1.0 };
+        if improvement(losses(known), losses(inverse)) < significant {
             inverse = known;
         }
     }
@@ -204,7 +229,8 @@ fn judged(looked: &[(f32, Losses)], known: Option<f32>) -> LampDistance {
     let least = losses(inverse);
     let alike = looked.iter().filter(|(_, l)| improvement(l, least) < 1.0);
     let sigma = alike.map(|(i, _)| (i - inverse).abs()).fold(FINE, f32::max);
-    let is_near = improvement(losses(0.0), least) > SIGNIFICANT && inverse > 2.0 * sigma;
+    let is_better = improvement(losses(0.0), least) > needed.better;
+    let is_near = is_better && inverse > needed.sigmas * sigma;
     LampDistance {
         inverse: match known {
             Some(known) if known == inverse => known,

@@ -216,6 +216,31 @@ fn lamps_that_hide_each_others_distances_are_found_together() {
 }
 
 #[test]
+fn a_weak_lamp_is_near_where_another_one_is() {
+    let weak = DVec3::new(-0.5, -1.4, 0.9);
+    let near = (DVec3::new(0.3, -0.2, 0.5), 0.3);
+    let beside = |other: (DVec3, f32), weak: (DVec3, f32)| {
+        let table = Table {
+            lamps: vec![other, weak],
+            balls: BALLS.to_vec(),
+            texture: 0.1,
+        };
+        found(&table, &BALLS)[1].inverse
+    };
+    let expected = weak.distance(OBSERVER).recip() as f32;
+    for power in [0.1, 0.15] {
+        let inverse = beside(near, (weak, power));
+        assert!((inverse - expected).abs() < 0.1, "{inverse}");
+        // Beside the sun, the same evidence is not enough.
+        let sun = (DVec3::new(300.0, -200.0, 500.0), 4e5);
+        assert_eq!(beside(sun, (weak, power)), 0.0);
+        // The sun through a window, as weak.
+        let inverse = beside(near, (300.0 * weak, 9e4 * power));
+        assert!(inverse < 0.1, "{inverse}");
+    }
+}
+
+#[test]
 fn without_known_shadows_the_fall_off_of_light_tells_and_foreign_shadows_do_not() {
     let lamps = vec![(DVec3::new(0.3, -0.2, 0.5), 0.3)];
     let mut table = Table {

@@ -187,6 +187,9 @@ impl LampPlaces {
         for source in sources {
             let stated = self.stated_distance(source, observer);
             if let Some(distance) = stated.filter(|_| self.known(source.id).is_none()) {
+                if source.clipped > CLIPPED {
+                    (self.settling, self.rests) = (SETTLING, 0);
+                }
                 self.note(source, distance, self.applied_to(source));
                 gained = true;
             }
@@ -500,6 +503,23 @@ mod tests {
         assert_eq!(places.applied_to(&clipped(0.8)), Vec3::ONE);
         // None of its pixels was raised.
         assert_eq!(places.applied_to(&source(1, 0.1)), Vec3::ONE);
+    }
+
+    #[test]
+    fn stated_lamp_that_is_clipped_settles_like_a_new_one() {
+        let rays = Arc::new(RayCaster::from_parts(&[]));
+        let rig = penumbra_rig_model::RigDocument::uncalibrated(64, 48).calibration;
+        let mut places = LampPlaces::new(&rig, rays, &EnvironmentConfig::default());
+        places.stated = vec![DVec3::X];
+        assert!(places.place_stated(&[source(1, 0.0)], DVec3::ZERO));
+        assert_eq!(places.settling, 0);
+        places.rests = INTERVAL;
+        let clipped = CompactSource {
+            clipped: 0.9,
+            ..source(2, 0.0)
+        };
+        assert!(places.place_stated(&[clipped], DVec3::ZERO));
+        assert_eq!((places.settling, places.rests), (SETTLING, 0));
     }
 
     #[test]
