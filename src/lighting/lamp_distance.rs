@@ -23,6 +23,7 @@ mod openness;
 mod search;
 
 pub use agreement::SurfaceAgreement;
+pub use energy::Colour;
 pub use openness::Occluders;
 
 use super::adaptive::CompactSource;
@@ -69,6 +70,8 @@ pub struct SeenLamp {
     pub source: CompactSource,
     /// Unit vectors from the observer to parts of it with equal energy, world; at least one.
     pub parts: Vec<Vec3>,
+    /// Whether it clips and its energy was not estimated yet: its distance is searched with any.
+    pub is_energy_unknown: bool,
 }
 
 impl SeenLamp {
@@ -115,6 +118,8 @@ pub struct DistanceSearch<'a> {
     /// What each lamp's irradiance is multiplied by at each point, at its current distance.
     by_lamp: Vec<Vec<f32>>,
     lamps: Vec<SeenLamp>,
+    /// By how many octaves each lamp whose energy is unknown is taken to be brighter.
+    assumed: Vec<f32>,
     scale: f32,
     faces: Faces,
     pairs: Vec<Pair>,
@@ -154,6 +159,7 @@ impl<'a> DistanceSearch<'a> {
             rest: surfaces.points.iter().enumerate().map(rest).collect(),
             by_lamp: Vec::new(),
             lamps: lamps.to_vec(),
+            assumed: vec![0.0; lamps.len()],
             scale: SCALE.1,
             faces: Faces::of(surfaces),
             pairs: Vec::new(),
@@ -250,8 +256,14 @@ impl<'a> DistanceSearch<'a> {
 
     /// The losses in a channel with these logarithms of the irradiance of all points.
     fn losses_of(&self, channel: usize, log: &[f32]) -> Losses {
+        self.losses_of_every(1, channel, log)
+    }
+
+    /// The same, of every so many pairs.
+    fn losses_of_every(&self, every: usize, channel: usize, log: &[f32]) -> Losses {
         let mut losses = vec![0.0; self.block_count()];
-        self.compare(channel, log, |block, difference| {
+        let pairs = self.pairs.iter().step_by(every);
+        self.compare(pairs, channel, log, |block, difference| {
             let square = (difference / self.scale).powi(2);
             losses[block] += square / (1.0 + square);
         });
@@ -261,22 +273,42 @@ impl<'a> DistanceSearch<'a> {
     /// Logarithms of the irradiance of all points in a channel, with another form and irradiance of a
     /// lamp.
     fn log_irradiance(&self, channel: usize, other: Option<(usize, (&[f32], Vec3))>) -> Vec<f32> {
-        let mut sum: Vec<f32> = self.rest.iter().map(|rest| rest[channel]).collect();
-        for (k, (own, lamp)) in self.by_lamp.iter().zip(&self.lamps).enumerate() {
-            let (form, light) = match other {
-                Some((lamp, other)) if lamp == k => other,
-                _ => (own.as_slice(), lamp.source.irradiance),
-            };
-            let light = values(light)[channel].max(0.0);
-            let each = sum.iter_mut().zip(form);
-            each.for_each(|(sum, form)| *sum += light * form);
+        let mut sum = self.irradiance_without(channel, other.map(|(lamp, _)| lamp));
+        if let Some((_, (form, light))) = other {
+            add(&mut sum, form, values(light)[channel]);
         }
-        sum.iter().map(|sum| sum.max(1e-9).ln()).collect()
+        sum.iter_mut().for_each(|sum| *sum = sum.max(1e-9).ln());
+        sum
     }
 
-    /// Calls `each` with the block and the difference d of each pair of points that are compared.
-    fn compare(&self, channel: usize, log: &[f32], mut each: impl FnMut(usize, f32)) {
-        for pair in &self.pairs {
+    /// The irradiance of all points in a channel, without a lamp.
+    fn irradiance_without(&self, channel: usize, without: Option<usize>) -> Vec<f32> {
+        let mut sum: Vec<f32> = self.rest.iter().map(|rest| rest[channel]).collect();
+        self.add_lamps(&mut sum, channel, |k| without != Some(k));
+        sum
+    }
+
+    /// Adds the irradiance of all points by some lamps in a channel.
+    fn add_lamps(&self, sum: &mut [f32], channel: usize, is_one: impl Fn(usize) -> bool) {
+        for (k, form) in self.by_lamp.iter().enumerate().filter(|(k, _)| is_one(*k)) {
+            add(sum, form, values(self.light(k))[channel]);
+        }
+    }
+
+    /// The irradiance by a lamp, RGB, that is assumed.
+    fn light(&self, lamp: usize) -> Vec3 {
+        self.lamps[lamp].source.irradiance * self.assumed[lamp].exp2()
+    }
+
+    /// Calls `each` with the block and the difference d of each pair of points.
+    fn compare<'p>(
+        &self,
+        pairs: impl IntoIterator<Item = &'p Pair>,
+        channel: usize,
+        log: &[f32],
+        mut each: impl FnMut(usize, f32),
+    ) {
+        for pair in pairs {
             let [i, k] = pair.points.map(|point| point as usize);
             each(pair.block as usize, pair.seen[channel] - (log[i] - log[k]));
         }
@@ -335,6 +367,7 @@ impl<'a> DistanceSearch<'a> {
     fn texture_scale(&self) -> f32 {
         let mut all = Vec::new();
         self.compare(
+            &self.pairs,
             LUMINANCE_OF,
             &self.log_irradiance(LUMINANCE_OF, None),
             |_, d| all.push(d.abs()),
@@ -346,6 +379,13 @@ impl<'a> DistanceSearch<'a> {
         let (_, median, _) = all.select_nth_unstable_by(middle, f32::total_cmp);
         (1.5 * *median).clamp(SCALE.0, SCALE.1)
     }
+}
+
+/// Adds a lamp's light, `light` times its form, to each sum.
+fn add(sums: &mut [f32], form: &[f32], light: f32) {
+    let light = light.max(0.0);
+    let each = sums.iter_mut().zip(form);
+    each.for_each(|(sum, form)| *sum += light * form);
 }
 
 /// Red, green, blue and luminance of linear light.

@@ -63,6 +63,7 @@ impl EnvironmentEstimator {
         let with_parts = |source: CompactSource| SeenLamp {
             source,
             parts: dome.parts(source.id, SeenLamp::part_count(source.angular_radius)),
+            is_energy_unknown: false,
         };
         self.sources().into_iter().map(with_parts).collect()
     }

@@ -19,6 +19,17 @@ const DIFFERS: f32 = 0.12;
 const EVENED: f32 = 0.5;
 const HALVINGS: u32 = 6;
 
+/// What becomes of the colour of a lamp whose energy is estimated.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Colour {
+    /// Nothing.
+    Kept,
+    /// It follows the best match.
+    BestMatch,
+    /// It follows what is significantly better.
+    IfBetter,
+}
+
 /// The best factor of a search.
 struct FoundFactor {
     octaves: f32,
@@ -57,12 +68,13 @@ impl FoundFactor {
 impl DistanceSearch<'_> {
     /// Finds the factor, RGB, on the light of lamp number `lamp` with which the depth of the shadows
     /// agrees best, and uses it from now on; 1 if no other is significantly better. `known` is the
-    /// factor that is in the light already: the result times `known` is at least 1. At `first`, the
-    /// colour follows the best match, later only what is significantly better.
-    pub fn find_factor(&mut self, lamp: usize, known: Vec3, first: bool) -> Vec3 {
+    /// factor that is in the light already: the result times `known` is at least 1.
+    pub fn find_factor(&mut self, lamp: usize, known: Vec3, colour: Colour) -> Vec3 {
         if self.by_lamp.get(lamp).is_none() {
             return Vec3::ONE;
         }
+        // The places were found with it; now it is searched in finer steps, and judged.
+        self.assumed[lamp] = 0.0;
         // Once a lamp is known to be too dark, its factor follows what is seen.
         let is_corrected = known.max_element() > 1.0;
         let significant = if is_corrected { 1.0 } else { LIKELY };
@@ -77,9 +89,10 @@ impl DistanceSearch<'_> {
         let evened = evened.then(|| self.evened(lamp, all)).flatten();
         all *= evened.unwrap_or(1.0);
         let mut found = Vec3::splat(all);
-        if is_corrected || all != 1.0 {
+        if colour != Colour::Kept && (is_corrected || all != 1.0) {
             // The colour of clipped pixels is that of the camera's white.
-            let significant = if first { f32::MIN } else { 1.0 };
+            let is_first = colour == Colour::BestMatch;
+            let significant = if is_first { f32::MIN } else { 1.0 };
             for channel in 0..3 {
                 let start = (Vec3::splat(all), [-1.0, 1.0]);
                 let best = self.search_factor(channel, lamp, start, by_faces);
@@ -96,6 +109,30 @@ impl DistanceSearch<'_> {
         self.lamps[lamp].source.irradiance *= found;
         self.scale = self.texture_scale();
         found
+    }
+
+    /// Finds the factor on the light of several lamps together with which the depth of the shadows agrees
+    /// best, at least `least`, and uses it from now on; 1 if no other is better. One by one, they would change
+    /// little: less of one lamp is a larger share of the others.
+    pub fn find_common_factor(&mut self, lamps: &[usize], least: f32) -> f32 {
+        let mut others: Vec<f32> = self.rest.iter().map(|rest| rest[LUMINANCE_OF]).collect();
+        let mut these = vec![0.0; others.len()];
+        self.add_lamps(&mut others, LUMINANCE_OF, |k| !lamps.contains(&k));
+        self.add_lamps(&mut these, LUMINANCE_OF, |k| lamps.contains(&k));
+        let losses = |octaves: f32| {
+            let factor = octaves.exp2();
+            let sum = others
+                .iter()
+                .zip(&these)
+                .map(|(others, these)| others + factor * these);
+            let log: Vec<f32> = sum.map(|sum| sum.max(1e-9).ln()).collect();
+            (octaves, self.losses_of(LUMINANCE_OF, &log))
+        };
+        let factor = searched(losses, [-1.0, 1.0]).judged(1.0).max(least);
+        for lamp in lamps {
+            self.lamps[*lamp].source.irradiance *= factor;
+        }
+        factor
     }
 
     /// Returns the factor, in addition to `start`, with which the depth of its shadows agrees on average;
@@ -146,7 +183,7 @@ impl DistanceSearch<'_> {
         &self,
         channel: usize,
         lamp: usize,
-        (start, [low, high]): (Vec3, [f32; 2]),
+        (start, range): (Vec3, [f32; 2]),
         with_faces: bool,
     ) -> FoundFactor {
         let light = self.lamps[lamp].source.irradiance * start;
@@ -159,13 +196,18 @@ impl DistanceSearch<'_> {
             }
             (octaves, losses)
         };
-        let steps = ((high - low) / OCTAVES[0]).round() as i32;
-        let coarse = (0..=steps).map(|k| low + OCTAVES[0] * k as f32);
-        let mut looked = vec![losses(0.0)];
-        looked.extend(coarse.filter(|octaves| *octaves != 0.0).map(losses));
-        let around = best(&looked, 0.0);
-        let fine = [-3, -2, -1, 1, 2, 3].map(|k| around + OCTAVES[1] * k as f32);
-        looked.extend(fine.map(losses));
-        FoundFactor::of(&looked)
+        searched(losses, range)
     }
+}
+
+/// The best factor within a range of octaves, by the losses there.
+fn searched(losses: impl Fn(f32) -> (f32, Losses), [low, high]: [f32; 2]) -> FoundFactor {
+    let steps = ((high - low) / OCTAVES[0]).round() as i32;
+    let coarse = (0..=steps).map(|k| low + OCTAVES[0] * k as f32);
+    let mut looked = vec![losses(0.0)];
+    looked.extend(coarse.filter(|octaves| *octaves != 0.0).map(&losses));
+    let around = best(&looked, 0.0);
+    let fine = [-3, -2, -1, 1, 2, 3].map(|k| around + OCTAVES[1] * k as f32);
+    looked.extend(fine.map(&losses));
+    FoundFactor::of(&looked)
 }

@@ -84,7 +84,7 @@ mod tests {
         let blocked = |_: DVec3, _: DVec3, _: f64| false;
         let lamps = [seen_lamp(lamp)];
         let mut search = DistanceSearch::new(&seen, &lamps, (&sky(), None), DVec3::ZERO, &blocked);
-        search.find_factor(0, Vec3::ONE, true).x * 0.33
+        search.find_factor(0, Vec3::ONE, Colour::BestMatch).x * 0.33
     }
 
     #[test]

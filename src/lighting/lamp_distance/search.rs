@@ -4,9 +4,13 @@
 //! distance of a near one may explain the picture well. Lamps that are new are therefore searched together:
 //! each takes its best distance in turn until all have settled, and only then it is judged which of them are
 //! near. One that is not becomes infinitely far, and the others settle again.
+//!
+//! A lamp that clips every exposure may be a thousand times as bright as its pixels, and its shadows fit at no
+//! distance, or at a wrong one, if it is not. So each distance is judged with the energy that fits best there.
 
 use super::{
-    DistanceSearch, LUMINANCE_OF, LampDistance, Losses, SeenLamp, WIDE, best, improvement,
+    DistanceSearch, LUMINANCE_OF, LampDistance, Losses, SeenLamp, WIDE, add, best, improvement,
+    values,
 };
 
 /// Spacing of the reciprocals, 1/m, that are looked at in the end.
@@ -43,6 +47,12 @@ struct Needed {
     sigmas: f32,
 }
 
+/// The largest factor on the light of a lamp whose energy is unknown, and the steps in which it is searched,
+/// octaves.
+const OCTAVES: (f32, [f32; 3]) = (12.0, [2.0, 1.0, 0.5]);
+/// That search compares every so many pairs of points: as many of each distance and direction.
+const SOME: usize = 5;
+
 /// Losses by reciprocals, 1/m.
 type Looked = Vec<(f32, Losses)>;
 
@@ -51,7 +61,26 @@ struct Searched {
     lamp: usize,
     /// What its irradiance is multiplied by at each point, by numbers of fine steps.
     forms: Vec<(u32, Vec<f32>)>,
+    /// Octaves that its energy is taken for there, as of the last look.
+    octaves: Vec<f32>,
     inverse: f32,
+}
+
+impl Searched {
+    fn new(lamp: usize) -> Self {
+        Self {
+            lamp,
+            forms: Vec::new(),
+            octaves: Vec::new(),
+            inverse: 0.0,
+        }
+    }
+
+    /// The form and the energy, octaves, at a reciprocal that was looked at.
+    fn at(&self, inverse: f32) -> Option<(&Vec<f32>, f32)> {
+        let k = self.forms.iter().position(|(n, _)| *n == number(inverse))?;
+        Some((&self.forms[k].1, self.octaves[k]))
+    }
 }
 
 impl DistanceSearch<'_> {
@@ -76,12 +105,8 @@ impl DistanceSearch<'_> {
     /// lamps too large for their shadows to tell.
     pub fn find_together(&mut self, lamps: &[usize]) -> Vec<(usize, LampDistance)> {
         let can_tell = |lamp: &&usize| self.lamps.get(**lamp).is_some_and(can_tell);
-        let new = |lamp: &usize| Searched {
-            lamp: *lamp,
-            forms: Vec::new(),
-            inverse: 0.0,
-        };
-        let mut searched: Vec<Searched> = lamps.iter().filter(can_tell).map(new).collect();
+        let of_these = lamps.iter().filter(can_tell).copied();
+        let mut searched: Vec<Searched> = of_these.map(Searched::new).collect();
         let mut found = Vec::new();
         self.settle(&mut searched);
         loop {
@@ -105,7 +130,7 @@ impl DistanceSearch<'_> {
             let gone = searched.remove(k);
             found.push((gone.lamp, *distance));
             if gone.inverse > 0.0 {
-                self.by_lamp[gone.lamp] = self.form(&self.lamps[gone.lamp], 0.0);
+                self.place(&gone, 0.0);
                 self.settle(&mut searched);
             }
         }
@@ -130,14 +155,19 @@ impl DistanceSearch<'_> {
                 let inverse = best(&self.look(s, range), 0.0);
                 moved = moved.max((inverse - s.inverse).abs());
                 s.inverse = inverse;
-                let number = number(inverse);
-                if let Some((_, form)) = s.forms.iter().find(|(n, _)| *n == number) {
-                    self.by_lamp[s.lamp].clone_from(form);
-                }
+                self.place(s, inverse);
             }
             if moved < SETTLED || searched.len() < 2 {
                 break;
             }
+        }
+    }
+
+    /// Gives a lamp a reciprocal that was looked at.
+    fn place(&mut self, s: &Searched, inverse: f32) {
+        if let Some((form, octaves)) = s.at(inverse) {
+            self.by_lamp[s.lamp].clone_from(form);
+            self.assumed[s.lamp] = octaves;
         }
     }
 
@@ -170,15 +200,46 @@ impl DistanceSearch<'_> {
         let k = known.unwrap_or_else(|| {
             let form = self.form(&self.lamps[s.lamp], inverse);
             s.forms.push((number, form));
+            s.octaves.push(0.0);
             s.forms.len() - 1
         });
-        looked.push((inverse, self.losses(s.lamp, &s.forms[k].1)));
+        let (octaves, losses) = if self.lamps[s.lamp].is_energy_unknown {
+            self.least_losses(s.lamp, &s.forms[k].1)
+        } else {
+            (0.0, self.losses(s.lamp, &s.forms[k].1))
+        };
+        s.octaves[k] = octaves;
+        looked.push((inverse, losses));
+    }
+
+    /// The energy, octaves, with which another form of a lamp fits best, and the losses with it.
+    fn least_losses(&self, lamp: usize, form: &[f32]) -> (f32, Losses) {
+        let others = self.irradiance_without(LUMINANCE_OF, Some(lamp));
+        let light = values(self.lamps[lamp].source.irradiance)[LUMINANCE_OF];
+        let mut log = Vec::with_capacity(others.len());
+        let mut losses = |octaves: f32, every: usize| {
+            log.clone_from(&others);
+            add(&mut log, form, light * octaves.exp2());
+            log.iter_mut().for_each(|sum| *sum = sum.max(1e-9).ln());
+            self.losses_of_every(every, LUMINANCE_OF, &log)
+        };
+        let (last, [coarse, finer @ ..]) = OCTAVES;
+        let steps = (last / coarse) as i32;
+        let all = (0..=steps).map(|k| coarse * k as f32);
+        let mut looked: Looked = all.map(|k| (k, losses(k, SOME))).collect();
+        for step in finer {
+            let around = best(&looked, 0.0);
+            for octaves in [around - step, around + step] {
+                looked.push((octaves, losses(octaves, SOME)));
+            }
+        }
+        let octaves = best(&looked, 0.0);
+        (octaves, losses(octaves, 1))
     }
 
     /// The losses of luminance with another form of lamp number `lamp`.
     fn losses(&self, lamp: usize, form: &[f32]) -> Losses {
-        let light = self.lamps[lamp].source.irradiance;
-        let log = self.log_irradiance(LUMINANCE_OF, Some((lamp, (form, light))));
+        let log = self.log_irradiance(LUMINANCE_OF, Some((lamp, (form, self.light(lamp)))));
         self.losses_of(LUMINANCE_OF, &log)
     }
 }

@@ -53,6 +53,7 @@ pub fn seen_lamp(source: CompactSource) -> SeenLamp {
     SeenLamp {
         source,
         parts: vec![source.direction],
+        is_energy_unknown: false,
     }
 }
 
@@ -274,8 +275,66 @@ fn the_depth_of_shadows_tells_how_bright_a_clipped_lamp_is() {
     search.find_together(&[0]);
     let mut factor = Vec3::ONE;
     for _ in 0..3 {
-        factor *= search.find_factor(0, factor, true);
+        factor *= search.find_factor(0, factor, Colour::BestMatch);
     }
     let error = (factor * lost - 1.0).abs().max_element();
     assert!(error < 0.08, "{factor} for {}", lost.recip());
+}
+
+/// What is found of lamps of which only a share of the light is seen: errors of 1/distance, and of the energy,
+/// octaves.
+fn found_of_clipped(
+    lamps: &[(DVec3, f32)],
+    seen_shares: &[f32],
+    is_unknown: bool,
+) -> Vec<[f32; 2]> {
+    let table = Table {
+        lamps: lamps.to_vec(),
+        balls: BALLS.to_vec(),
+        texture: 0.1,
+    };
+    let (seen, mut sources) = (table.seen(), table.sources());
+    for (lamp, share) in sources.iter_mut().zip(seen_shares) {
+        lamp.source.irradiance *= *share;
+        lamp.is_energy_unknown = is_unknown;
+    }
+    let blocked = |o: DVec3, to: DVec3, farthest: f64| blocked(&BALLS, o, to, farthest);
+    let mut search = DistanceSearch::new(&seen, &sources, (&sky(), None), OBSERVER, &blocked);
+    let all: Vec<usize> = (0..lamps.len()).collect();
+    let found = search.find_together(&all);
+    let mut factors = vec![Vec3::ONE; lamps.len()];
+    for round in 0..6 {
+        if round > 0 && lamps.len() > 1 {
+            let common = search.find_common_factor(&all, 0.1);
+            factors.iter_mut().for_each(|factor| *factor *= common);
+        }
+        for (lamp, factor) in factors.iter_mut().enumerate() {
+            *factor *= search.find_factor(lamp, *factor, Colour::Kept);
+        }
+    }
+    let errors = |(k, distance): &(usize, LampDistance)| {
+        let expected = lamps[*k].0.distance(OBSERVER).recip() as f32;
+        let energy = factors[*k].x * seen_shares[*k];
+        [distance.inverse - expected, energy.log2()]
+    };
+    found.iter().map(errors).collect()
+}
+
+#[test]
+fn lamps_of_which_little_is_seen_are_found_with_their_energy() {
+    let one = [(DVec3::new(0.3, -0.2, 0.5), 0.3)];
+    let two = [one[0], (DVec3::new(-0.2, 0.4, 0.8), 0.5)];
+    let cases = [
+        (&one[..], &[0.005][..]),
+        (&two, &[0.1, 0.3]),
+        (&two, &[0.02, 0.005]),
+    ];
+    for (lamps, shares) in cases {
+        let errors = found_of_clipped(lamps, shares, true);
+        let is_right = |[place, energy]: &[f32; 2]| place.abs() < 0.1 && energy.abs() < 0.15;
+        assert!(errors.iter().all(is_right), "{shares:?}: {errors:?}");
+    }
+    // Taken to be as bright as their pixels, they are not found.
+    let errors = found_of_clipped(&one, &[0.02], false);
+    assert!(errors[0][0].abs() > 1.0, "{errors:?}");
 }

@@ -9,7 +9,7 @@ use penumbra_config::{EnvironmentConfig, LightPlaces};
 use penumbra_interface::RigidTransform;
 use penumbra_lighting::adaptive::CompactSource;
 use penumbra_lighting::clipped::nearest_factor;
-use penumbra_lighting::lamp_distance::{DistanceSearch, SeenSurfaces, SurfacePoint};
+use penumbra_lighting::lamp_distance::{Colour, DistanceSearch, SeenSurfaces, SurfacePoint};
 use penumbra_lighting::place::LampDistance;
 use penumbra_lighting::sources::LUMINANCE;
 use penumbra_lighting::{EnvironmentEstimator, Lighting};
@@ -43,8 +43,10 @@ const SHARE: f32 = 0.3;
 const CLIPPED: f32 = 0.2;
 /// Looks in which a new clipped lamp takes all of the energy that is found.
 const SETTLING: u32 = 4;
-/// Rounds over all clipped lamps when one of them is new.
-const ROUNDS: usize = 3;
+/// Largest number of rounds over all clipped lamps when one of them is new, and the change of a factor with
+/// which they have settled.
+const ROUNDS: usize = 8;
+const SETTLED: f32 = 1.03;
 /// Factor on a lamp's light that makes the light another.
 const MUCH: f32 = 1.2;
 /// Angle between a stated light and a source, radians, in addition to the source's radius, up to
@@ -278,6 +280,7 @@ impl LampPlaces {
         for lamp in &mut seen {
             let known = self.known(lamp.source.id);
             lamp.source.distance = known.map_or(LampDistance::FAR, |k| k.distance);
+            lamp.is_energy_unknown = known.is_none() && lamp.source.clipped > CLIPPED;
         }
         let lamps: Vec<CompactSource> = seen.iter().map(|lamp| lamp.source).collect();
         let rays = Arc::clone(&self.rays);
@@ -363,21 +366,63 @@ impl LampPlaces {
         let anew = self.settling > 0;
         // One lamp's light changes what the shadows of the others tell.
         let (rounds, share) = if anew { (ROUNDS, 1.0) } else { (1, SHARE) };
-        let mut gained = false;
-        for _ in 0..rounds {
-            let clipped = lamps.iter().enumerate().take(LAMPS);
-            for (k, lamp) in clipped.filter(|(_, lamp)| lamp.clipped > CLIPPED) {
+        let is_clipped = |(_, lamp): &(usize, &CompactSource)| lamp.clipped > CLIPPED;
+        let all = lamps.iter().enumerate().take(LAMPS);
+        let clipped: Vec<(usize, &CompactSource)> = all.filter(is_clipped).collect();
+        let (mut gained, mut has_settled) = (false, false);
+        for round in 1..=rounds {
+            // Colours once they have settled.
+            let is_last = has_settled || round == rounds;
+            let colour = match (is_last, anew) {
+                (false, _) => Colour::Kept,
+                (true, true) => Colour::BestMatch,
+                (true, false) => Colour::IfBetter,
+            };
+            has_settled = true;
+            if anew && round > 1 {
+                self.scale_together(search, &clipped);
+            }
+            for (k, lamp) in &clipped {
                 let Some(known) = self.known(lamp.id).copied() else {
                     continue;
                 };
                 // On the clipped pixels alone, so that it never corrects too much: the next look does
                 // the rest.
-                let factor = search.find_factor(k, known.factor, anew).powf(share);
-                gained |= factor.max_element() > MUCH || factor.min_element() < MUCH.recip();
+                let factor = search.find_factor(*k, known.factor, colour).powf(share);
+                let is_other = |limit: f32| {
+                    factor.max_element() > limit || factor.min_element() < limit.recip()
+                };
+                gained |= is_other(MUCH);
+                has_settled &= !is_other(SETTLED);
                 self.note(lamp, known.distance, known.factor * factor);
+            }
+            if is_last {
+                break;
             }
         }
         gained
+    }
+
+    /// Multiplies the factors of several clipped lamps by what fits best.
+    fn scale_together(
+        &mut self,
+        search: &mut DistanceSearch<'_>,
+        clipped: &[(usize, &CompactSource)],
+    ) {
+        let with_known = |(k, lamp): &(usize, &CompactSource)| Some((*k, *self.known(lamp.id)?));
+        let all: Vec<(usize, Known)> = clipped.iter().filter_map(with_known).collect();
+        if all.len() < 2 {
+            return;
+        }
+        let numbers: Vec<usize> = all.iter().map(|(k, _)| *k).collect();
+        let least = all.iter().map(|(_, known)| known.factor.min_element());
+        let least = least.fold(f32::MAX, f32::min).recip();
+        let factor = search.find_common_factor(&numbers, least);
+        for known in &mut self.known {
+            if all.iter().any(|(_, k)| k.id == known.id) {
+                known.factor *= factor;
+            }
+        }
     }
 
     /// Notes what the picture shows of real surfaces.
