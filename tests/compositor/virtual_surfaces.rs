@@ -4,7 +4,7 @@ use crate::comparison::{Rule, assert_like, assert_same_where, virtual_inside};
 use crate::stage::{
     Stage, cell, even_sky, flat, lighting, looking_from, matt, painted, part, spiral, sun,
 };
-use glam::{DMat4, DVec3, Vec3, Vec4};
+use glam::{DMat4, DVec2, DVec3, Vec3, Vec4};
 use penumbra_camera::Response;
 use penumbra_compositor::reference::ReferencePicture;
 use penumbra_lighting::cube::locate;
@@ -220,7 +220,7 @@ fn mirror_shows_the_environment_in_the_right_orientation() {
     let pose = stage.pose.unwrap();
     let mut seen = [0; 6];
     for i in inside(&twin) {
-        let pixel = glam::DVec2::new((i % 128) as f64, (i / 128) as f64);
+        let pixel = DVec2::new((i % 128) as f64, (i / 128) as f64);
         let ray = pose.rotation * stage.camera.unproject(pixel);
         let Some(normal) = sphere_normal(pose.translation, ray, 0.1) else {
             continue;
@@ -438,4 +438,42 @@ fn wires_and_objects_behind_the_camera_are_lit_correctly() {
         ..RULE
     };
     assert_like("wires", &stage.compose(), &stage.twin(), rule);
+}
+
+#[test]
+fn wall_above_a_dark_strip_gets_the_light_of_the_ground_beyond_it() {
+    const STRIP: f64 = 0.1;
+    let radiance = 0.6_f32;
+    let (width, height) = (192, 144);
+    // The front of the wall is at y = 0.
+    let wall = part(
+        primitives::cuboid(Vec3::new(0.8, 0.02, 0.2)),
+        DVec3::new(0.0, 0.01, 0.0),
+    );
+    let mut light = even_sky(0.0);
+    light.ground_radiance = Vec3::splat(radiance);
+    let mut stage = Stage::new(width, height).with_virtual(wall).lit(light);
+    let pose = looking_from(DVec3::new(0.0, -0.7, 0.5), DVec3::new(0.0, -0.15, 0.0));
+    stage.pose = Some(pose);
+    let bright = Response::srgb().code_from_linear(radiance);
+    stage.picture = flat(width, height, [bright; 3]);
+    for (i, pixel) in stage.picture.rgba.chunks_exact_mut(4).enumerate() {
+        let at = DVec2::new((i as u32 % width).into(), (i as u32 / width).into());
+        let ray = pose.rotation * stage.camera.unproject(at);
+        let ground = pose.translation - ray * (pose.translation.z / ray.z);
+        if ray.z >= 0.0 || ground.y > -STRIP {
+            pixel[..3].fill(0);
+        }
+    }
+    let ours = stage.compose();
+    for h in [0.01, 0.02, 0.05, 0.1, 0.19] {
+        let point = pose.inverse().transform_point(DVec3::new(0.0, 0.0, h));
+        let pixel = stage.camera.project(point).unwrap().round().as_uvec2();
+        let code = ours.rgb(pixel.x, pixel.y)[1];
+        let arriving = Response::srgb().linear_from_code()[code as usize] / radiance;
+        // Form factor of a half-plane that begins ahead of the wall.
+        let expected = (0.5 * h / STRIP.hypot(h)) as f32;
+        let error = (arriving - expected).abs() / expected;
+        assert!(error < 0.25, "{h} m: {arriving} for {expected}");
+    }
 }

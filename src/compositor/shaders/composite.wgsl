@@ -175,15 +175,33 @@ fn mirrored_light(far: vec3f, near: Nearby, gloss: Gloss) -> vec3f {
 // would have no width over which to rise from 0 to 1.
 const CONTACT = 0.002;
 
-// Correction for light that the nearby ground reflects instead of the mean ground.
+// Parts of equal weight into which the ground is divided by its distance: near a contact, a third of its
+// light comes from far beyond the height, past the edge of a shadow.
+const GROUND_PARTS = 3;
+
+// Correction for light that the nearby ground reflects instead of the mean ground. At a height h, a
+// surface facing sideways receives a share q of it from within x = h sqrt(1 / (1 - q)^2 - 1) ahead,
+// spread sideways by sqrt(x^2 + h^2), one facing down from a disc of radius h sqrt(q / (1 - q)).
 fn bounce(world: vec3f, n: vec3f) -> vec3f {
     let height = max(world.z - frame.params.y, 0.0);
     let share = frame.params.z * 0.5 * (1.0 - n.z);
-    let aside = normalize(vec3f(n.xy, -0.7));
-    let foot = world + aside * (height / 0.7 * length(vec3f(n.xy, -0.7)));
-    let near = real_radiance(vec3f(foot.xy, frame.params.y), 2.0 * height + CONTACT, 0.0);
-    let far = sky_irradiance(vec3f(0.0, 0.0, -1.0));
-    return share * (PI * mix(frame.ground.rgb * ground_share(foot), near.rgb, near.a) - far);
+    let sideways = length(n.xy);
+    let ahead = n.xy / max(sideways, 1e-4);
+    var near = vec3f(0.0);
+    var k = 0;
+    loop {
+        let q = (f32(k) + 0.5) / f32(GROUND_PARTS);
+        let x = height * sqrt(1.0 / ((1.0 - q) * (1.0 - q)) - 1.0);
+        let foot = vec3f(world.xy + ahead * (sideways * x), frame.params.y);
+        let width = mix(height * sqrt(q / (1.0 - q)), height / (1.0 - q), sideways);
+        let seen = real_radiance(foot, width + CONTACT, 0.0);
+        near += mix(frame.ground.rgb * ground_share(foot), seen.rgb, seen.a) / f32(GROUND_PARTS);
+        k++;
+        continuing {
+            break if k == GROUND_PARTS;
+        }
+    }
+    return share * (PI * near - sky_irradiance(vec3f(0.0, 0.0, -1.0)));
 }
 
 fn shade(pixel: vec2i, s: i32, own: bool) -> vec3f {
