@@ -175,33 +175,26 @@ fn mirrored_light(far: vec3f, near: Nearby, gloss: Gloss) -> vec3f {
 // would have no width over which to rise from 0 to 1.
 const CONTACT = 0.002;
 
-// Parts of equal weight into which the ground is divided by its distance: near a contact, a third of its
-// light comes from far beyond the height, past the edge of a shadow.
-const GROUND_PARTS = 3;
+// Radiance of a part of the ground: its distance ahead, its width for a surface that faces down and
+// for one that faces sideways, all in heights.
+fn ground_part(world: vec3f, ahead: vec2f, height: f32, part: vec3f) -> vec3f {
+    let foot = vec3f(world.xy + ahead * (part.x * height), frame.params.y);
+    let width = height * mix(part.y, part.z, length(ahead));
+    let seen = real_radiance(foot, width + CONTACT, 0.0);
+    return mix(frame.ground.rgb * ground_share(foot), seen.rgb, seen.a);
+}
 
-// Correction for light that the nearby ground reflects instead of the mean ground. At a height h, a
-// surface facing sideways receives a share q of it from within x = h sqrt(1 / (1 - q)^2 - 1) ahead,
-// spread sideways by sqrt(x^2 + h^2), one facing down from a disc of radius h sqrt(q / (1 - q)).
+// Correction for light that the nearby ground reflects instead of the mean ground. A surface facing
+// sideways receives a share q of it from within sqrt(1 / (1 - q)^2 - 1) heights ahead, spread sideways by
+// 1 / (1 - q), one facing down from a disc of radius sqrt(q / (1 - q)): here for q = 1/6, 1/2, 5/6, the
+// middles of three parts. The last lies far beyond the height, past the edge of a shadow.
 fn bounce(world: vec3f, n: vec3f) -> vec3f {
     let height = max(world.z - frame.params.y, 0.0);
     let share = frame.params.z * 0.5 * (1.0 - n.z);
-    let sideways = length(n.xy);
-    let ahead = n.xy / max(sideways, 1e-4);
-    var near = vec3f(0.0);
-    var k = 0;
-    loop {
-        let q = (f32(k) + 0.5) / f32(GROUND_PARTS);
-        let x = height * sqrt(1.0 / ((1.0 - q) * (1.0 - q)) - 1.0);
-        let foot = vec3f(world.xy + ahead * (sideways * x), frame.params.y);
-        let width = mix(height * sqrt(q / (1.0 - q)), height / (1.0 - q), sideways);
-        let seen = real_radiance(foot, width + CONTACT, 0.0);
-        near += mix(frame.ground.rgb * ground_share(foot), seen.rgb, seen.a) / f32(GROUND_PARTS);
-        k++;
-        continuing {
-            break if k == GROUND_PARTS;
-        }
-    }
-    return share * (PI * near - sky_irradiance(vec3f(0.0, 0.0, -1.0)));
+    let near = ground_part(world, n.xy, height, vec3f(0.663, 0.447, 1.2))
+        + ground_part(world, n.xy, height, vec3f(1.732, 1.0, 2.0))
+        + ground_part(world, n.xy, height, vec3f(5.916, 2.236, 6.0));
+    return share * (PI / 3.0 * near - sky_irradiance(vec3f(0.0, 0.0, -1.0)));
 }
 
 fn shade(pixel: vec2i, s: i32, own: bool) -> vec3f {
