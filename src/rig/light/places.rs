@@ -369,6 +369,9 @@ impl LampPlaces {
         let is_clipped = |(_, lamp): &(usize, &CompactSource)| lamp.clipped > CLIPPED;
         let all = lamps.iter().enumerate().take(LAMPS);
         let clipped: Vec<(usize, &CompactSource)> = all.filter(is_clipped).collect();
+        let is_other = |factor: Vec3, limit: f32| {
+            factor.max_element() > limit || factor.min_element() < limit.recip()
+        };
         let (mut gained, mut has_settled) = (false, false);
         for round in 1..=rounds {
             // Colours once they have settled.
@@ -380,7 +383,7 @@ impl LampPlaces {
             };
             has_settled = true;
             if anew && round > 1 {
-                self.scale_together(search, &clipped);
+                gained |= is_other(Vec3::splat(self.scale_together(search, &clipped)), MUCH);
             }
             for (k, lamp) in &clipped {
                 let Some(known) = self.known(lamp.id).copied() else {
@@ -389,11 +392,8 @@ impl LampPlaces {
                 // On the clipped pixels alone, so that it never corrects too much: the next look does
                 // the rest.
                 let factor = search.find_factor(*k, known.factor, colour).powf(share);
-                let is_other = |limit: f32| {
-                    factor.max_element() > limit || factor.min_element() < limit.recip()
-                };
-                gained |= is_other(MUCH);
-                has_settled &= !is_other(SETTLED);
+                gained |= is_other(factor, MUCH);
+                has_settled &= !is_other(factor, SETTLED);
                 self.note(lamp, known.distance, known.factor * factor);
             }
             if is_last {
@@ -403,16 +403,16 @@ impl LampPlaces {
         gained
     }
 
-    /// Multiplies the factors of several clipped lamps by what fits best.
+    /// Multiplies the factors of several clipped lamps by the one that fits best, which it returns.
     fn scale_together(
         &mut self,
         search: &mut DistanceSearch<'_>,
         clipped: &[(usize, &CompactSource)],
-    ) {
+    ) -> f32 {
         let with_known = |(k, lamp): &(usize, &CompactSource)| Some((*k, *self.known(lamp.id)?));
         let all: Vec<(usize, Known)> = clipped.iter().filter_map(with_known).collect();
         if all.len() < 2 {
-            return;
+            return 1.0;
         }
         let numbers: Vec<usize> = all.iter().map(|(k, _)| *k).collect();
         let least = all.iter().map(|(_, known)| known.factor.min_element());
@@ -423,6 +423,7 @@ impl LampPlaces {
                 known.factor *= factor;
             }
         }
+        factor
     }
 
     /// Notes what the picture shows of real surfaces.
