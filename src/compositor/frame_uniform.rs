@@ -10,7 +10,8 @@ use penumbra_interface::RigidTransform;
 use penumbra_lighting::DomeLight;
 use penumbra_lighting::place::MAX_NEAR_LIGHTS;
 use penumbra_scene::ShadowMode;
-use penumbra_scene::indirect_light::GroundMap;
+use penumbra_scene::indirect_light::{GroundMap, SurfaceGrid};
+use std::sync::Arc;
 
 /// The inputs of the uniform.
 pub struct UniformInputs<'a> {
@@ -51,9 +52,14 @@ pub fn frame_uniform(from: &UniformInputs<'_>) -> FrameUniform {
     let indirect = input
         .indirect_light
         .filter(|near| near.generation != 0 && visible);
-    let grid = indirect.map(|near| &near.on_virtual.grid);
+    let filled = |grid: &&Arc<SurfaceGrid>| !grid.cells.is_empty();
+    let on_virtual = indirect.map(|near| &near.on_virtual.grid).filter(filled);
+    let on_real = indirect
+        .map(|near| &near.change.surfaces.grid)
+        .filter(filled);
+    let low = |grid: &Arc<SurfaceGrid>| grid.low.extend(1.0).to_array();
+    let high = |grid: &Arc<SurfaceGrid>| grid.high.extend(0.0).to_array();
     let on_ground = indirect.map_or_else(GroundMap::default, |near| near.on_ground);
-    let grid = grid.filter(|grid| !grid.cells.is_empty());
     let [rotation_per_row, translation_per_row] = rolling_shutter(from);
     let [distortion, rows] = distortion(view);
     let [vignetting, vignetting_intrinsics] = vignetting(from);
@@ -91,8 +97,10 @@ pub fn frame_uniform(from: &UniformInputs<'_>) -> FrameUniform {
         indirect_low: indirect.map_or([0.0; 4], |n| n.low.extend(1.0).to_array()),
         indirect_high: indirect.map_or([1.0; 4], |n| n.high.extend(0.0).to_array()),
         indirect_objects: on_ground.corners(),
-        on_virtual_low: grid.map_or([0.0; 4], |grid| grid.low.extend(1.0).to_array()),
-        on_virtual_high: grid.map_or([1.0; 4], |grid| grid.high.extend(0.0).to_array()),
+        on_virtual_low: on_virtual.map_or([0.0; 4], low),
+        on_virtual_high: on_virtual.map_or([1.0; 4], high),
+        on_real_low: on_real.map_or([0.0; 4], low),
+        on_real_high: on_real.map_or([1.0; 4], high),
         planes_low: [0.0; 4],
         planes_high: [0.0; 4],
         brightest: brightest(from),

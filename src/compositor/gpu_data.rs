@@ -29,6 +29,8 @@ pub struct FrameUniform {
     pub indirect_objects: [f32; 4],
     pub on_virtual_low: [f32; 4],
     pub on_virtual_high: [f32; 4],
+    pub on_real_low: [f32; 4],
+    pub on_real_high: [f32; 4],
     pub planes_low: [f32; 4],
     pub planes_high: [f32; 4],
     pub brightest: [f32; 4],

@@ -7,16 +7,20 @@ use half::f16;
 use penumbra_scene::IndirectLight;
 use penumbra_scene::indirect_light::{GRID_SIDE, GROUND_SIDE, SurfaceIrradiance, VOLUME_SIZE};
 
+/// Kinds of irradiance on surfaces.
+const SURFACE_KINDS: usize = 3;
+
 /// Three pictures of the ground side by side (change by virtual objects, light reflected by
-/// phantoms without them and with them; in alpha, the ground's share of its light), three times six volumes, and the six of the irradiance on
-/// virtual surfaces.
+/// phantoms without them and with them; in alpha, the ground's share of its light); six volumes of the
+/// light of phantoms in the air; and six each of the irradiance on virtual surfaces, its change on real
+/// ones, and what these have of it without virtual objects.
 pub struct IndirectLightMaps {
     ground: wgpu::Texture,
     volume: wgpu::Texture,
-    on_virtual: wgpu::Texture,
+    on_surfaces: wgpu::Texture,
     pub ground_view: wgpu::TextureView,
     pub volume_view: wgpu::TextureView,
-    pub on_virtual_view: wgpu::TextureView,
+    pub on_surfaces_view: wgpu::TextureView,
 }
 
 impl IndirectLightMaps {
@@ -27,29 +31,38 @@ impl IndirectLightMaps {
             wgpu::TextureDimension::D2,
             [3 * GROUND_SIDE, GROUND_SIDE, 1],
         );
-        let volume = texture(device, wgpu::TextureDimension::D3, [18 * nx, ny, nz]);
-        let grid = [6 * GRID_SIDE, GRID_SIDE, GRID_SIDE];
-        let on_virtual = texture(device, wgpu::TextureDimension::D3, grid);
+        let volume = texture(device, wgpu::TextureDimension::D3, [6 * nx, ny, nz]);
+        let grid = [SURFACE_KINDS as u32 * 6 * GRID_SIDE, GRID_SIDE, GRID_SIDE];
+        let on_surfaces = texture(device, wgpu::TextureDimension::D3, grid);
         let view = |t: &wgpu::Texture| t.create_view(&wgpu::TextureViewDescriptor::default());
         Self {
             ground_view: view(&ground),
             volume_view: view(&volume),
-            on_virtual_view: view(&on_virtual),
+            on_surfaces_view: view(&on_surfaces),
             ground,
             volume,
-            on_virtual,
+            on_surfaces,
         }
     }
 
     /// Uploads `light`; `texels` is a recycled buffer.
     pub fn write(&self, queue: &wgpu::Queue, light: &IndirectLight, texels: &mut Vec<[f16; 4]>) {
-        self.write_on_virtual(queue, &light.on_virtual, texels);
-        let all = [&light.change, &light.real, &light.real_now];
+        let on_surfaces = [
+            &light.on_virtual,
+            &light.change.surfaces,
+            &light.real.surfaces,
+        ];
+        self.write_on_surfaces(queue, on_surfaces, texels);
+        let all = [
+            &light.change.ground,
+            &light.real.ground,
+            &light.real_now.ground,
+        ];
         let side = GROUND_SIDE as usize;
-        if all.iter().all(|part| part.ground.len() == side * side) {
+        if all.iter().all(|ground| ground.len() == side * side) {
             texels.clear();
-            for (y, part) in (0..side).flat_map(|y| all.map(|part| (y, part))) {
-                let row = &part.ground[y * side..(y + 1) * side];
+            for (y, ground) in (0..side).flat_map(|y| all.map(|ground| (y, ground))) {
+                let row = &ground[y * side..(y + 1) * side];
                 let shares = light.nearby.ground.get(y * side..(y + 1) * side);
                 texels.extend(row.iter().enumerate().map(|(x, t)| {
                     let [r, g, b, _] = half_texel(t.to_array());
@@ -60,13 +73,13 @@ impl IndirectLightMaps {
             upload(queue, &self.ground, texels);
         }
         let [nx, ny, nz] = VOLUME_SIZE.map(|n| n as usize);
-        let faces = || all.into_iter().flat_map(|part| &part.volume);
-        if faces().any(|face| face.len() != nx * ny * nz) {
+        let faces = &light.real_now.volume;
+        if faces.iter().any(|face| face.len() != nx * ny * nz) {
             return;
         }
         texels.clear();
         for row in 0..ny * nz {
-            for face in faces() {
+            for face in faces {
                 let values = &face[row * nx..(row + 1) * nx];
                 texels.extend(values.iter().map(|t| half_texel(t.to_array())));
             }
@@ -75,22 +88,25 @@ impl IndirectLightMaps {
     }
 
     /// Uploads the irradiance times weight in the cells that have one, with the weight in alpha.
-    fn write_on_virtual(
+    fn write_on_surfaces(
         &self,
         queue: &wgpu::Queue,
-        light: &SurfaceIrradiance,
+        kinds: [&SurfaceIrradiance; SURFACE_KINDS],
         texels: &mut Vec<[f16; 4]>,
     ) {
+        let row = 6 * GRID_SIDE as usize;
         texels.clear();
-        texels.resize(
-            (6 * GRID_SIDE * GRID_SIDE * GRID_SIDE) as usize,
-            [f16::ZERO; 4],
-        );
-        for ((texel, weight), value) in light.grid.cells.iter().zip(&light.values) {
-            let [r, g, b, _] = half_texel(value.to_array());
-            texels[*texel as usize] = [r, g, b, f16::from_f32(*weight)];
+        let rows = (GRID_SIDE * GRID_SIDE) as usize;
+        texels.resize(SURFACE_KINDS * row * rows, [f16::ZERO; 4]);
+        for (kind, light) in kinds.into_iter().enumerate() {
+            for ((texel, weight), value) in light.grid.cells.iter().zip(&light.values) {
+                let [r, g, b, _] = half_texel(value.to_array());
+                let (x, y) = (*texel as usize % row, *texel as usize / row);
+                let at = (y * SURFACE_KINDS + kind) * row + x;
+                texels[at] = [r, g, b, f16::from_f32(*weight)];
+            }
         }
-        upload(queue, &self.on_virtual, texels);
+        upload(queue, &self.on_surfaces, texels);
     }
 }
 

@@ -253,7 +253,7 @@ impl FrameParts<'_> {
             table,
             first,
             second,
-            view(&self.indirect.on_virtual_view),
+            view(&self.indirect.on_surfaces_view),
         ];
         group(device, "frame", layout, &resources)
     }

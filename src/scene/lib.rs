@@ -53,7 +53,8 @@ pub use gltf_lamp::ModelLamp;
 pub use gltf_motion::z_up_from_y_up;
 pub use ground_plane::GroundPlane;
 pub use indirect_light::{
-    IndirectLight, IndirectLightBlender, IndirectLightSolver, PhantomRadiance,
+    GroundBrightness, IndirectLight, IndirectLightBlender, IndirectLightSolver, PhantomRadiance,
+    RealSurfaces,
 };
 pub use lamps::{PlacedArea, PlacedLamp};
 pub use mesh::{Material, Mesh, Part, Phong, SceneTexture, Vertex};

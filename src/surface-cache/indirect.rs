@@ -4,16 +4,11 @@ use crate::layout::{BORDERED, TEXELS};
 use crate::texels::{PageTexels, between};
 use glam::{UVec3, Vec3, Vec4};
 use penumbra_scene::IndirectLight;
-use penumbra_scene::indirect_light::{Irradiance, VOLUME_SIZE};
+use penumbra_scene::indirect_light::{OnReal, VOLUME_SIZE};
 
-/// Writes the indirect irradiance on each texel of a page.
-pub fn fill(
-    light: &IndirectLight,
-    kind: &Irradiance,
-    page: &PageTexels,
-    to: &mut [[f32; TEXELS]; 3],
-) {
-    fill_with(page, to, |p, n| irradiance(light, kind, p, n).to_array());
+/// Writes the indirect irradiance on each texel of a page of a real surface.
+pub fn fill(light: &IndirectLight, kind: &OnReal, page: &PageTexels, to: &mut [[f32; TEXELS]; 3]) {
+    fill_with(page, to, |p, n| on_real(light, kind, p, n).to_array());
 }
 
 /// The same on a virtual surface, with the share to which the exchange of light between virtual
@@ -26,7 +21,7 @@ pub fn fill_on_virtual(light: &IndirectLight, page: &PageTexels, to: &mut [[f32;
 /// that includes light of other virtual surfaces. Twin of `indirect_light_on_virtual`.
 fn on_virtual(light: &IndirectLight, p: Vec3, n: Vec3) -> Vec4 {
     let known = light.on_virtual.on(p, n);
-    let real = irradiance(light, &light.real_now, p, n);
+    let real = from_phantoms(light, p, n);
     real.lerp(known.truncate(), known.w).extend(known.w)
 }
 
@@ -68,16 +63,40 @@ fn mix(a: f32, b: f32, share: f32) -> f32 {
     a + (b - a) * share
 }
 
-/// Indirect irradiance at `p` on a surface with normal `n` from one of the kinds of `light`; zero
-/// outside its region.
-pub fn irradiance(light: &IndirectLight, kind: &Irradiance, p: Vec3, n: Vec3) -> Vec3 {
+/// Place in the region of `light`, from 0 to 1; `None` outside.
+fn in_region(light: &IndirectLight, p: Vec3) -> Option<Vec3> {
     let at = (p - light.low) / (light.high - light.low);
     let margin = Vec3::new(0.0, 0.0, 0.02);
-    if light.generation == 0 || at.cmplt(-margin).any() || at.cmpgt(Vec3::ONE).any() {
+    let is_inside = at.cmpge(-margin).all() && at.cmple(Vec3::ONE).all();
+    (light.generation != 0 && is_inside).then_some(at)
+}
+
+fn is_on_ground(at: Vec3, n: Vec3) -> bool {
+    n.z > 0.99 && at.z < 0.02
+}
+
+/// Indirect irradiance at `p` on a real surface with normal `n` from one of the kinds of `light`; zero
+/// outside its region. Twin of `indirect_on_real`.
+pub fn on_real(light: &IndirectLight, kind: &OnReal, p: Vec3, n: Vec3) -> Vec3 {
+    let Some(at) = in_region(light, p) else {
         return Vec3::ZERO;
-    }
-    if n.z > 0.99 && at.z < 0.02 {
+    };
+    if is_on_ground(at, n) {
         let value = light.on_ground.value(&kind.ground, at.truncate());
+        return value.unwrap_or_default();
+    }
+    let found = kind.surfaces.on(p, n);
+    found.truncate() * found.w
+}
+
+/// Irradiance at `p` on a virtual surface with normal `n` by light that phantoms reflect; zero outside the
+/// region. Twin of `from_phantoms`.
+fn from_phantoms(light: &IndirectLight, p: Vec3, n: Vec3) -> Vec3 {
+    let Some(at) = in_region(light, p) else {
+        return Vec3::ZERO;
+    };
+    if is_on_ground(at, n) {
+        let value = light.on_ground.value(&light.real_now.ground, at.truncate());
         return value.unwrap_or_default();
     }
     let size = UVec3::from(VOLUME_SIZE).as_vec3();
@@ -87,7 +106,7 @@ pub fn irradiance(light: &IndirectLight, kind: &Irradiance, p: Vec3, n: Vec3) ->
     (0..3)
         .map(|axis| {
             let face = 2 * axis + usize::from(n[axis] < 0.0);
-            in_volume(&kind.volume[face], off) * weights[axis]
+            in_volume(&light.real_now.volume[face], off) * weights[axis]
         })
         .sum()
 }

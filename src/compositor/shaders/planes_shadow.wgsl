@@ -15,7 +15,7 @@ fn phantom_shadow(@builtin(position) at: vec4f) -> @location(0) vec4f {
     let dome = by_normal(irradiance_of_lights, n);
     // Minus the indirect light from virtual objects.
     let kept = dome * max(shares.real - shares.all, vec3f(0.0));
-    let lost = (kept - indirect_irradiance(0.0, world, n)) * frame.params.x;
+    let lost = (kept - indirect_on_real(CHANGE, world, n)) * frame.params.x;
     let added = multiplied_lamps(lamps_at(phantom_lamps, pixel), world, n);
     let open = open_in_real(world, n);
     let arriving = max(open - dome * (1.0 - shares.real), lost);

@@ -113,7 +113,7 @@ fn phantom_shadow(@builtin(position) at: vec4f) -> @location(0) vec4f {
     let n = normal_from_octahedron(surface.xy);
     let world = world_at(vec2f(pixel), textureLoad(phantom_depth, pixel, 0));
     // Minus the indirect light from virtual objects.
-    let lost = (lost_behind_virtual(masks, world, n) - indirect_irradiance(0.0, world, n)) * frame.params.x;
+    let lost = (lost_behind_virtual(masks, world, n) - indirect_on_real(CHANGE, world, n)) * frame.params.x;
     let added = multiplied_lamps(lamps_at(phantom_lamps, pixel), world, n);
     let open = open_in_real(world, n) + near_irradiance(world, n);
     let arriving = max(arriving_in_real(open, masks, world, n), lost);

@@ -24,7 +24,7 @@ use penumbra_lighting::{
 use penumbra_picture::{Picture, PictureError, YuvEncoding, decode_within};
 use penumbra_rig_model::Attachments;
 use penumbra_rig_model::{EnvironmentSource, RigCalibration};
-use penumbra_scene::{Hit, RayCaster, Scene, casters};
+use penumbra_scene::{Hit, RayCaster, RealSurfaces, Scene, casters};
 use penumbra_sync::EnvironmentSet;
 use penumbra_white_balance::chart::Photograph;
 use penumbra_white_balance::gather::{GatherOptions, Overlap, gather_pairs};
@@ -180,8 +180,11 @@ impl LightEstimator {
             self.estimate(set, scene)?;
         }
         if let Some(lighting) = &self.lighting {
-            let phantoms = self.phantoms.radiance(lighting);
-            self.indirect.update(self.seconds, lighting, phantoms);
+            let real = RealSurfaces {
+                phantoms: self.phantoms.radiance(lighting),
+                ground: self.ground.brightness(),
+            };
+            self.indirect.update(self.seconds, lighting, real);
         }
         Ok(self.lighting.clone())
     }

@@ -8,9 +8,7 @@
 use glam::{DMat4, DVec3};
 use penumbra_interface::threads;
 use penumbra_lighting::Lighting;
-use penumbra_scene::{
-    IndirectLight, IndirectLightSolver, Part, PhantomRadiance, PlacedLamp, Scene,
-};
+use penumbra_scene::{IndirectLight, IndirectLightSolver, Part, PlacedLamp, RealSurfaces, Scene};
 use std::thread::JoinHandle;
 
 /// Time between two solutions, seconds.
@@ -72,7 +70,7 @@ impl IndirectLightUpdater {
     }
 
     /// Updates the light to `seconds` after the session began, approximately: see the module.
-    pub fn update(&mut self, seconds: f64, lighting: &Lighting, phantoms: &PhantomRadiance) {
+    pub fn update(&mut self, seconds: f64, lighting: &Lighting, real: RealSurfaces<'_>) {
         let Some(solver) = &mut self.solver else {
             return;
         };
@@ -86,10 +84,10 @@ impl IndirectLightUpdater {
             && let Ok(Some(mut found)) = next.finding.join()
         {
             found.follow(solver);
-            found.settle(lighting, phantoms, &self.lamps);
+            found.settle(lighting, real, &self.lamps);
             *solver = found;
         }
-        solver.update(lighting, phantoms, &self.lamps);
+        solver.update(lighting, real, &self.lamps);
         if self.next.is_none()
             && let Some(moving) = &mut self.moving
         {

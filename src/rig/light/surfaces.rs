@@ -2,15 +2,15 @@
 //! picture.
 
 use crate::light::view::SceneView;
-use glam::{DVec2, DVec3, Vec3};
+use glam::{DVec2, DVec3, Vec2, Vec3};
 use penumbra_camera::Vignetting;
 use penumbra_camera::{PinholeCamera, Response};
 use penumbra_interface::RigidTransform;
 use penumbra_lighting::{LightKind, Lighting};
 use penumbra_picture::Picture;
 use penumbra_rig_model::RigCalibration;
-use penumbra_scene::PhantomRadiance;
 use penumbra_scene::indirect_light::{AXES, side_of, solid_phantoms};
+use penumbra_scene::{GroundBrightness, PhantomRadiance};
 use penumbra_scene::{Part, RayCaster, Scene};
 use std::f32::consts::PI;
 use std::sync::Arc;
@@ -18,18 +18,29 @@ use std::sync::Arc;
 /// Measures the radiance of the ground around the virtual objects in the scene camera's picture.
 /// It fills the lower hemisphere if the environment camera faces upwards.
 pub(crate) struct GroundRadiance {
-    points: Vec<Vec3>,
+    /// Height, metres; `None` without a ground.
+    height: Option<f32>,
     rays: Arc<RayCaster>,
     camera: PinholeCamera,
     response: Response,
     vignetting: Option<Vignetting>,
     radiance: Option<Vec3>,
+    brightness: GroundBrightness,
+    /// Number of pictures looked at.
+    looks: u32,
+    /// Radiance of each cell in the present picture.
+    seen: Vec<Option<Vec3>>,
 }
 
-/// Sample points along a side of the square around the objects.
+/// Cells along a side of the square around the objects, each with a sample point.
 const GROUND_POINTS: usize = 24;
 /// Weight of a new observation in the exponential moving average.
 const GROUND_SHARE: f32 = 0.1;
+/// Fewest points in a picture that tell of the ground.
+const LEAST_POINTS: usize = 8;
+/// Places of the sample points in their cells, one after another: multiples of these modulo 1 fill a square
+/// evenly (Roberts 2018, R2), so that the mean over pictures is that of a cell's texture.
+const WITHIN_CELL: Vec2 = Vec2::new(0.754_877_7, 0.569_840_3);
 
 /// Returns the vignetting factor of a pixel, 1 at the centre.
 fn vignetting_at(vignetting: Option<Vignetting>, pixel: DVec2) -> f32 {
@@ -38,24 +49,26 @@ fn vignetting_at(vignetting: Option<Vignetting>, pixel: DVec2) -> f32 {
 
 impl GroundRadiance {
     pub(crate) fn new(rig: &RigCalibration, scene: &Scene, rays: Arc<RayCaster>) -> Self {
-        let points = scene
-            .ground_height
-            .map(|height| points_around(scene, height as f32))
-            .unwrap_or_default();
         let scene_camera = &rig.scene_camera;
         Self {
-            points,
+            height: scene.ground_height.map(|height| height as f32),
             rays,
             camera: scene_camera.camera.clone(),
             response: scene_camera.response.clone(),
             vignetting: scene_camera.vignetting,
             radiance: None,
+            brightness: cells_around(scene),
+            looks: 0,
+            seen: Vec::new(),
         }
     }
 
     /// Continues from the measurement of `before`.
     pub(crate) fn follow(&mut self, before: &Self) {
         self.radiance = before.radiance;
+        let cells = 0..self.brightness.cells.len();
+        let known = cells.map(|i| before.brightness.known_at(self.place(i, Vec2::splat(0.5))));
+        self.brightness.cells = known.collect();
     }
 
     pub(crate) fn look(&mut self, scene: &SceneView<'_>) {
@@ -64,18 +77,46 @@ impl GroundRadiance {
         };
         self.camera.clone_from(scene.camera);
         let camera_from_world = pose.inverse();
-        let (mut sum, mut count) = (Vec3::ZERO, 0.0);
-        for point in &self.points {
-            if let Some(colour) = self.colour(*point, pose, camera_from_world, scene.picture) {
-                sum += colour;
-                count += 1.0;
-            }
-        }
-        if count < 8.0 {
+        let Some(height) = self.height else {
+            return;
+        };
+        let within = (WITHIN_CELL * self.looks as f32 + 0.5).fract();
+        self.looks = (self.looks + 1) % 4096;
+        let mut seen = std::mem::take(&mut self.seen);
+        seen.clear();
+        seen.extend((0..self.brightness.cells.len()).map(|i| {
+            let point = self.place(i, within).extend(height);
+            self.colour(point, pose, camera_from_world, scene.picture)
+        }));
+        self.note(&seen);
+        self.seen = seen;
+    }
+
+    /// A place in a cell, `within` it from 0 to 1; world, metres.
+    fn place(&self, cell: usize, within: Vec2) -> Vec2 {
+        let GroundBrightness {
+            low, edge, side, ..
+        } = self.brightness;
+        let cell = Vec2::new((cell % side) as f32, (cell / side) as f32);
+        low + (cell + within) * (edge / side as f32)
+    }
+
+    /// Adds the radiance of cells in one picture.
+    fn note(&mut self, seen: &[Option<Vec3>]) {
+        let count = seen.iter().flatten().count();
+        if count < LEAST_POINTS {
             return;
         }
-        let now = sum / count;
+        let now = seen.iter().flatten().sum::<Vec3>() / count as f32;
         self.radiance = Some(self.radiance.map_or(now, |old| old.lerp(now, GROUND_SHARE)));
+        let per_mean = 1.0 / now.max(Vec3::splat(1e-6));
+        for (known, seen) in self.brightness.cells.iter_mut().zip(seen) {
+            let seen = seen.map(|seen| seen * per_mean);
+            *known = match (*known, seen) {
+                (Some(known), Some(seen)) => Some(known.lerp(seen, GROUND_SHARE)),
+                (known, seen) => known.or(seen),
+            };
+        }
     }
 
     fn colour(
@@ -103,13 +144,19 @@ impl GroundRadiance {
         })
     }
 
+    /// Mean radiance of the ground.
     pub(crate) const fn radiance(&self) -> Option<Vec3> {
         self.radiance
     }
+
+    /// Brightness of its places.
+    pub(crate) const fn brightness(&self) -> &GroundBrightness {
+        &self.brightness
+    }
 }
 
-/// Returns a grid of points on the ground, three times as wide as the virtual objects.
-fn points_around(scene: &Scene, height: f32) -> Vec<Vec3> {
+/// Returns cells of the ground, of which nothing is known, three times as wide as the virtual objects.
+fn cells_around(scene: &Scene) -> GroundBrightness {
     let (mut low, mut high) = (Vec3::splat(f32::MAX), Vec3::splat(f32::MIN));
     for part in &scene.virtual_parts {
         for vertex in &part.mesh.vertices {
@@ -127,13 +174,20 @@ fn points_around(scene: &Scene, height: f32) -> Vec<Vec3> {
         (low + high) / 2.0,
         ((high - low) * 1.5).truncate().max_element(),
     );
-    let at = |k: usize| (2.0 * (k as f32 + 0.5) / GROUND_POINTS as f32 - 1.0) * half;
-    (0..GROUND_POINTS * GROUND_POINTS)
-        .map(|i| {
-            let (x, y) = (at(i % GROUND_POINTS), at(i / GROUND_POINTS));
-            Vec3::new(centre.x + x, centre.y + y, height)
-        })
-        .collect()
+    let is_flat = scene.ground_height.is_some();
+    GroundBrightness {
+        low: centre.truncate() - half,
+        edge: 2.0 * half,
+        side: GROUND_POINTS,
+        cells: vec![
+            None;
+            if is_flat {
+                GROUND_POINTS * GROUND_POINTS
+            } else {
+                0
+            }
+        ],
+    }
 }
 
 /// Measures the radiance of the phantoms' sides.
@@ -274,4 +328,84 @@ fn irradiance(lighting: &Lighting, n: Vec3) -> Vec3 {
         .map(|l| l.irradiance * l.direction.dot(n).max(0.0))
         .sum();
     direct + lighting.irradiance.irradiance(n)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::light::view::SphereAt;
+    use glam::{DMat3, DQuat};
+    use penumbra_interface::MonotonicTime;
+
+    /// Looks straight down from 1 m at 0.8 m of the ground, +X to the right.
+    fn looking_down() -> (PinholeCamera, RigidTransform) {
+        let camera = PinholeCamera {
+            width: 200,
+            height: 200,
+            focal: DVec2::splat(250.0),
+            centre: DVec2::splat(99.5),
+            distortion: [0.0; 5],
+        };
+        let axes = DMat3::from_cols(DVec3::X, DVec3::NEG_Y, DVec3::NEG_Z);
+        let pose = RigidTransform {
+            rotation: DQuat::from_mat3(&axes),
+            translation: DVec3::Z,
+        };
+        (camera, pose)
+    }
+
+    #[test]
+    fn brightness_of_the_ground_is_that_of_its_places() {
+        let (camera, pose) = looking_down();
+        let mut ground = GroundRadiance {
+            height: Some(0.0),
+            rays: Arc::new(RayCaster::from_parts(&[])),
+            camera: camera.clone(),
+            response: Response::srgb(),
+            vignetting: None,
+            radiance: None,
+            brightness: cells_around(&Scene {
+                ground_height: Some(0.0),
+                ..Scene::default()
+            }),
+            looks: 0,
+            seen: Vec::new(),
+        };
+        // Stripes of 5 pixels on the left, their mean on average; dark on the right.
+        let code = |x: u32| match (x < 100, x % 10 < 5) {
+            (true, true) => 200,
+            (true, false) => 120,
+            (false, _) => 60,
+        };
+        let pixels = (0..200 * 200).flat_map(|i| [code(i % 200), 60, 60, 255]);
+        let picture = Picture {
+            width: 200,
+            height: 200,
+            rgba: pixels.collect(),
+        };
+        for _ in 0..60 {
+            ground.look(&SceneView {
+                picture: &picture,
+                world_from_camera: Some(pose),
+                camera: &camera,
+                sphere: SphereAt::Calibrated,
+                captured_at: MonotonicTime::from_nanos(0),
+                exposure: None,
+            });
+        }
+        let linear = |code: u8| ground.response.linear_from_rgb([code; 3])[0];
+        let left = 0.5 * (linear(200) + linear(120));
+        let mean = 0.5 * (left + linear(60));
+        let at = |x: f32, y: f32| ground.brightness().at(Vec2::new(x, y));
+        for y in [-0.2, 0.0, 0.3] {
+            let (found, expected) = (at(-0.2, y).x, left / mean);
+            assert!((found / expected - 1.0).abs() < 0.2, "{found} {expected}");
+            let (found, expected) = (at(0.2, y).x, linear(60) / mean);
+            assert!((found / expected - 1.0).abs() < 0.05, "{found} {expected}");
+            assert!((at(-0.2, y).y - 1.0).abs() < 0.01);
+        }
+        // Beside the picture nothing is known.
+        assert_eq!(at(-0.5, 0.0), Vec3::ONE);
+        assert_eq!(ground.brightness().known_at(Vec2::new(-0.5, 0.0)), None);
+    }
 }

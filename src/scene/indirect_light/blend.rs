@@ -1,6 +1,7 @@
 //! Blends the indirect light of two instants.
 
-use super::result::{IndirectLight, Irradiance, NearbyRadiance};
+use super::result::{IndirectLight, Irradiance, NearbyRadiance, OnReal};
+use super::surface_grid::SurfaceIrradiance;
 use glam::Vec3;
 use std::sync::Arc;
 
@@ -44,21 +45,39 @@ impl IndirectLightBlender {
         let out = Arc::make_mut(&mut blend);
         (out.low, out.high, out.on_ground) = (to.low, to.high, to.on_ground);
         out.generation = BLENDED | self.count;
-        blend_irradiance(&from.change, &to.change, weight, &mut out.change);
-        blend_irradiance(&from.real, &to.real, weight, &mut out.real);
+        blend_on_real(&from.change, &to.change, weight, &mut out.change);
+        blend_on_real(&from.real, &to.real, weight, &mut out.real);
         blend_irradiance(&from.real_now, &to.real_now, weight, &mut out.real_now);
-        if Arc::ptr_eq(&from.on_virtual.grid, &to.on_virtual.grid) {
-            out.on_virtual.grid.clone_from(&to.on_virtual.grid);
-            let values = (&from.on_virtual.values, &to.on_virtual.values);
-            blend_values(values.0, values.1, weight, &mut out.on_virtual.values);
-        } else {
-            out.on_virtual.clone_from(&to.on_virtual);
-        }
+        blend_surfaces(
+            &from.on_virtual,
+            &to.on_virtual,
+            weight,
+            &mut out.on_virtual,
+        );
         blend_nearby(&from.nearby, &to.nearby, weight, &mut out.nearby);
         if self.recycled.len() < MAX_RECYCLED {
             self.recycled.push(Arc::clone(&blend));
         }
         blend
+    }
+}
+
+fn blend_on_real(from: &OnReal, to: &OnReal, weight: f32, out: &mut OnReal) {
+    blend_values(&from.ground, &to.ground, weight, &mut out.ground);
+    blend_surfaces(&from.surfaces, &to.surfaces, weight, &mut out.surfaces);
+}
+
+fn blend_surfaces(
+    from: &SurfaceIrradiance,
+    to: &SurfaceIrradiance,
+    weight: f32,
+    out: &mut SurfaceIrradiance,
+) {
+    if Arc::ptr_eq(&from.grid, &to.grid) {
+        out.grid.clone_from(&to.grid);
+        blend_values(&from.values, &to.values, weight, &mut out.values);
+    } else {
+        out.clone_from(to);
     }
 }
 
@@ -92,7 +111,6 @@ fn blend_values(from: &[Vec3], to: &[Vec3], weight: f32, out: &mut Vec<Vec3>) {
 #[cfg(test)]
 mod tests {
     use super::super::ground_map::GroundMap;
-    use super::super::surface_grid::SurfaceIrradiance;
     use super::*;
 
     fn light(generation: u64, value: f32) -> Arc<IndirectLight> {
@@ -100,14 +118,18 @@ mod tests {
             ground: vec![Vec3::splat(value); 4],
             volume: std::array::from_fn(|k| vec![Vec3::splat(value + k as f32); 3]),
         };
+        let on_real = || OnReal {
+            ground: irradiance.ground.clone(),
+            surfaces: SurfaceIrradiance::default(),
+        };
         Arc::new(IndirectLight {
             generation,
             low: Vec3::ZERO,
             high: Vec3::ONE,
             on_ground: GroundMap::default(),
-            change: irradiance.clone(),
-            real: irradiance.clone(),
-            real_now: irradiance,
+            change: on_real(),
+            real: on_real(),
+            real_now: irradiance.clone(),
             on_virtual: SurfaceIrradiance::default(),
             nearby: NearbyRadiance {
                 phantoms: vec![[Vec3::splat(value); 6]],

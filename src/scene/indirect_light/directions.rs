@@ -1,7 +1,7 @@
 //! Directions for which visibility is stored, and the light of the dome from each.
 
 use glam::Vec3;
-use penumbra_lighting::{LightKind, Lighting};
+use penumbra_lighting::{DomeLight, LightKind, Lighting};
 use std::f32::consts::PI;
 
 /// Number of directions for which visibility is stored, one bit each.
@@ -10,19 +10,16 @@ const DIRECTIONS: usize = 128;
 /// Evenly distributed directions and the irradiance from each.
 pub(super) struct Directions {
     pub all: Vec<Vec3>,
-    /// Irradiance, on a surface that faces the direction, of the dome lights nearest to it.
-    pub light: Vec<Vec3>,
-    /// The same of those that stand for cells.
-    cells: Vec<Vec3>,
-    /// Compact sources: direction and irradiance, by slot.
-    pub compact: Vec<(Vec3, Vec3)>,
+    /// Irradiance, on a surface that faces the direction, of the cells of the dome nearest to it.
+    pub cells: Vec<Vec3>,
+    /// Compact sources, by slot.
+    pub compact: Vec<DomeLight>,
 }
 
 impl Directions {
     pub fn new() -> Self {
         let all = fibonacci_sphere(DIRECTIONS);
         Self {
-            light: vec![Vec3::ZERO; all.len()],
             cells: vec![Vec3::ZERO; all.len()],
             compact: Vec::new(),
             all,
@@ -40,33 +37,25 @@ impl Directions {
             .map_or(0, |(i, _)| i)
     }
 
-    /// Assigns the dome lights of `lighting` to the nearest directions.
+    /// Assigns the cells of the dome of `lighting` to the nearest directions.
     pub fn set_light(&mut self, lighting: &Lighting) {
-        self.light.fill(Vec3::ZERO);
         self.cells.fill(Vec3::ZERO);
         self.compact.clear();
         for light in &lighting.lights {
-            let i = self.nearest(light.direction);
-            self.light[i] += light.irradiance;
             match light.kind {
-                LightKind::Cell => self.cells[i] += light.irradiance,
-                LightKind::Compact => self.compact.push((light.direction, light.irradiance)),
+                LightKind::Cell => {
+                    let i = self.nearest(light.direction);
+                    self.cells[i] += light.irradiance;
+                }
+                LightKind::Compact => self.compact.push(*light),
             }
         }
     }
 
-    /// Irradiance on a surface with normal `n` from the directions whose bit in `visible` is set.
-    pub fn irradiance(&self, n: Vec3, visible: u128) -> Vec3 {
-        self.sum(&self.light, n, visible)
-    }
-
-    /// The same without compact sources.
+    /// Irradiance of cells on a surface with normal `n` from the directions whose bit in `visible` is
+    /// set.
     pub fn irradiance_of_cells(&self, n: Vec3, visible: u128) -> Vec3 {
-        self.sum(&self.cells, n, visible)
-    }
-
-    fn sum(&self, light: &[Vec3], n: Vec3, visible: u128) -> Vec3 {
-        let each = self.all.iter().zip(light).enumerate();
+        let each = self.all.iter().zip(&self.cells).enumerate();
         each.filter(|(i, _)| visible >> i & 1 == 1)
             .map(|(_, (d, light))| *light * n.dot(*d).max(0.0))
             .sum()

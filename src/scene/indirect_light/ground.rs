@@ -1,16 +1,18 @@
 //! Irradiance of indirect light on the ground.
 
+use super::compact_sources::CompactSources;
 use super::directions::Directions;
 use super::lamplight::Lamplight;
 use super::obstacles::{FirstHit, Obstacles};
 use super::region::Region;
-use super::result::{GROUND_SIDE, IndirectLight};
+use super::result::{GROUND_SIDE, GroundBrightness, IndirectLight};
 use super::sampling::cosine_direction;
 use super::shares::{DistantLight, GroundShares, SideShares};
 use super::surfels::{ReflectingPoint, Surfels};
 use crate::lamps::PlacedLamp;
 use glam::{Vec2, Vec3};
 use penumbra_interface::threads;
+use penumbra_lighting::DomeLight;
 use std::f32::consts::{PI, TAU};
 
 /// Number of rays from each ground texel that gather indirect light.
@@ -28,6 +30,11 @@ const COARSER: u32 = 2;
 pub(super) struct GroundGrid {
     texels: Vec<Texel>,
     pub shares: GroundShares,
+    /// Radiance of the texels of the whole grid, without virtual objects.
+    pub radiance: Vec<Vec3>,
+    /// Their places; world, metres.
+    places: Vec<Vec2>,
+    compact: CompactSources,
     /// At the centres of squares of texels.
     lamplight: Lamplight,
     side: u32,
@@ -45,7 +52,8 @@ struct Texel {
     /// Phantom sides that are visible without virtual objects, with equal form factors.
     phantoms: Vec<u32>,
     window: f32,
-    /// Whether most of its rays meet the backs of virtual surfaces: it lies inside an object.
+    /// Whether it lies inside an object: phantoms block the light from everywhere, or most of its rays meet the
+    /// backs of virtual surfaces.
     is_inside: bool,
 }
 
@@ -80,9 +88,13 @@ impl GroundGrid {
         let texels: Vec<Texel> = texels.into_iter().flatten().collect();
         let inside = texels.iter().map(|texel| texel.is_inside).collect();
         let whole = if side > 0 { GROUND_SIDE } else { 0 };
+        let compact = points.iter().map(|point| (*point, Vec3::Z));
         let centres = places(side / LAMP_SQUARE).map(|point| (point, Vec3::Z));
         Self {
             shares: GroundShares(vec![Vec3::ONE; (whole * whole) as usize]),
+            radiance: vec![Vec3::ZERO; (whole * whole) as usize],
+            places: places(whole).map(Vec3::truncate).collect(),
+            compact: CompactSources::new(compact, region.offset()),
             texels,
             lamplight: Lamplight::new(centres, region.offset()),
             inside: expanded(side, inside),
@@ -90,20 +102,35 @@ impl GroundGrid {
         }
     }
 
+    /// Takes over how bright the ground is, `mean` on average.
+    pub fn look(&mut self, mean: Vec3, brightness: &GroundBrightness) {
+        for (radiance, place) in self.radiance.iter_mut().zip(&self.places) {
+            *radiance = mean * brightness.at(*place);
+        }
+    }
+
     /// Computes the shares under a new state of the dome and of the virtual lights.
     pub fn update(&mut self, directions: &Directions, lamps: &[PlacedLamp], obstacles: &Obstacles) {
         self.lamplight.update(lamps, obstacles);
-        let open = directions.irradiance(Vec3::Z, u128::MAX);
+        self.compact.update(&directions.compact, obstacles);
+        let on_ground = |light: &DomeLight| light.irradiance * light.direction.z.max(0.0);
+        let open = directions.irradiance_of_cells(Vec3::Z, u128::MAX)
+            + directions.compact.iter().map(on_ground).sum::<Vec3>();
         let is_lit = open.min_element() > 1e-6;
         let per_irradiance = if is_lit { open.recip() } else { Vec3::ZERO };
         let squares = self.side / LAMP_SQUARE;
         let found = |(i, texel): (usize, &Texel)| {
-            let all = directions
-                .irradiance(Vec3::Z, !texel.behind_real)
-                .element_sum();
+            let compact = self.compact.at(i);
+            let before = directions.irradiance_of_cells(Vec3::Z, !texel.behind_real);
+            let before = (before + compact.before).element_sum();
             let lost = texel.behind_virtual & !texel.behind_real;
-            let lost = directions.irradiance(Vec3::Z, lost).element_sum();
-            let left = if all > 0.0 { 1.0 - lost / all } else { 1.0 };
+            let lost = directions.irradiance_of_cells(Vec3::Z, lost);
+            let lost = (lost + compact.before - compact.now).element_sum();
+            let left = if before > 0.0 {
+                1.0 - lost / before
+            } else {
+                1.0
+            };
             let (x, y) = (i as u32 % self.side, i as u32 / self.side);
             let square = y / LAMP_SQUARE * squares + x / LAMP_SQUARE;
             let lamps = self.lamplight.at(square as usize) * per_irradiance;
@@ -193,8 +220,9 @@ fn texel(
     region: &Region,
 ) -> Texel {
     let origin = point + Vec3::Z * region.offset();
-    let (mut behind_virtual, mut behind_real) = (0, 0);
+    let (mut upwards, mut behind_virtual, mut behind_real) = (0, 0, 0);
     for (i, d) in directions.all.iter().enumerate().filter(|(_, d)| d.z > 0.0) {
+        upwards |= 1 << i;
         match obstacles.first_hit(origin, *d) {
             FirstHit::Virtual(_) => {
                 behind_virtual |= 1 << i;
@@ -228,6 +256,6 @@ fn texel(
         virtual_points,
         phantoms,
         window: region.window(point),
-        is_inside: 2 * backs > GATHERED,
+        is_inside: 2 * backs > GATHERED || upwards == behind_real,
     }
 }

@@ -5,16 +5,18 @@
 //! Visibility between surfaces is found once, by ray casting: it does not depend on the light. For
 //! every new state of the light the surfels' radiosity follows by sums over these lists
 //! (progressive radiosity, Cohen et al. 1988, on point samples; one more bounce each time), and
-//! from it the change of irradiance on the ground (a grid) and in the air around the objects (a
-//! volume of ambient cubes, McTaggart 2004), and the light between virtual surfaces (points on them,
-//! in a grid).
+//! from it the change of irradiance on the ground (a grid) and on phantoms (points on them, in a
+//! grid), the light between virtual surfaces (likewise), and where these move, that of phantoms in
+//! the air around them (a volume of ambient cubes, McTaggart 2004).
 
 mod blend;
+mod compact_sources;
 mod directions;
 mod ground;
 mod ground_map;
 mod lamplight;
 mod obstacles;
+mod real_surfaces;
 mod receivers;
 mod region;
 mod result;
@@ -32,7 +34,8 @@ pub use directions::{AXES, side_of};
 pub use ground_map::GroundMap;
 pub use obstacles::solid_phantoms;
 pub use result::{
-    GROUND_SIDE, IndirectLight, Irradiance, NearbyRadiance, PhantomRadiance, VOLUME_SIZE,
+    GROUND_SIDE, GroundBrightness, IndirectLight, Irradiance, NearbyRadiance, OnReal,
+    PhantomRadiance, RealSurfaces, VOLUME_SIZE,
 };
 pub use surface_grid::{GRID_SIDE, SurfaceGrid, SurfaceIrradiance};
 pub use surfel_index::SurfelIndex;
@@ -46,6 +49,7 @@ use ground::GroundGrid;
 use obstacles::Obstacles;
 use penumbra_lighting::Lighting;
 use penumbra_lighting::compact_source_specular::CompleteMap;
+use real_surfaces::RealPoints;
 use receivers::Receivers;
 use region::Region;
 use shares::DistantLight;
@@ -62,6 +66,7 @@ pub struct IndirectLightSolver {
     sides: Sides,
     ground: GroundGrid,
     volume: Volume,
+    on_real: RealPoints,
     receivers: Receivers,
     obstacles: Obstacles,
     directions: Directions,
@@ -86,7 +91,8 @@ impl IndirectLightSolver {
         let surfels = Surfels::new(casters, &obstacles, &directions, &region, moves);
         let sides = Sides::new(&phantoms, lit, &surfels, &obstacles, &directions, &region);
         let ground = GroundGrid::new(&obstacles, &surfels, &directions, &region, moves);
-        let volume = Volume::new(&obstacles, &surfels, &directions, &region);
+        let volume = Volume::new(&obstacles, &directions, &region);
+        let on_real = RealPoints::new(&scene.phantom_parts, &surfels, &obstacles, &region, moves);
         // Where something moves, a new solver is made every half second, and frames wait for it: too
         // often for the light between virtual surfaces.
         let still = casters.iter().filter(|_| !moves);
@@ -105,6 +111,7 @@ impl IndirectLightSolver {
             sides,
             ground,
             volume,
+            on_real,
             receivers,
             obstacles,
             directions,
@@ -128,26 +135,16 @@ impl IndirectLightSolver {
 
     /// Computes the indirect light under `lighting` with all bounces at once, for a solver that
     /// replaces another while frames are shown.
-    pub fn settle(
-        &mut self,
-        lighting: &Lighting,
-        phantoms: &PhantomRadiance,
-        lamps: &[PlacedLamp],
-    ) {
+    pub fn settle(&mut self, lighting: &Lighting, real: RealSurfaces<'_>, lamps: &[PlacedLamp]) {
         for _ in 0..BOUNCES {
             self.lit_by = None;
-            self.update(lighting, phantoms, lamps);
+            self.update(lighting, real, lamps);
         }
     }
 
     /// Computes the indirect light under `lighting` and the virtual lights `lamps`, with one more
     /// bounce. Does nothing if it is up to date.
-    pub fn update(
-        &mut self,
-        lighting: &Lighting,
-        phantoms: &PhantomRadiance,
-        lamps: &[PlacedLamp],
-    ) {
+    pub fn update(&mut self, lighting: &Lighting, real: RealSurfaces<'_>, lamps: &[PlacedLamp]) {
         if !self.is_outdated(lighting) {
             return;
         }
@@ -159,17 +156,24 @@ impl IndirectLightSolver {
         } else {
             Vec3::ZERO
         };
+        self.ground.look(floor, real.ground);
+        self.ground.update(&self.directions, lamps, &self.obstacles);
         let light = DistantLight {
             radiance: CompleteMap::new(&lighting.radiance),
-            floor,
-            phantoms,
+            mean_ground: floor,
+            ground: &self.ground.radiance,
+            phantoms: real.phantoms,
         };
-        self.ground.update(&self.directions, lamps, &self.obstacles);
         self.sides.light_up(lamps, &self.obstacles);
         self.surfels.light_up(lamps, &self.obstacles);
         let shares = &self.ground.shares;
-        self.sides
-            .update(&self.surfels, shares, &self.directions, &light);
+        self.sides.update(
+            &self.surfels,
+            shares,
+            &self.directions,
+            &light,
+            &self.obstacles,
+        );
         self.surfels.update(
             &self.directions,
             shares,
@@ -179,11 +183,13 @@ impl IndirectLightSolver {
         );
         self.ground
             .gather(&self.surfels, &self.sides.shares, &light, &mut self.light);
-        self.volume.gather(
+        let real_now = &mut self.light.real_now;
+        self.volume
+            .gather(&self.sides.shares, &self.directions, &light, real_now);
+        self.on_real.gather(
             &self.surfels,
             shares,
             &self.sides.shares,
-            &self.directions,
             &light,
             &mut self.light,
         );
@@ -202,7 +208,7 @@ impl IndirectLightSolver {
             std::array::from_fn(|side| self.sides.shares.radiance((6 * part + side) as u32, &light))
         };
         nearby.phantoms.clear();
-        nearby.phantoms.extend((0..phantoms.len()).map(sides));
+        nearby.phantoms.extend((0..real.phantoms.len()).map(sides));
         nearby.ground.clone_from(&self.ground.shares.0);
     }
 

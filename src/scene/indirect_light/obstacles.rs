@@ -37,6 +37,17 @@ pub(super) enum FirstHit {
     Sky,
 }
 
+/// What blocks the way of light.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Sight {
+    /// Nothing.
+    Open,
+    /// Virtual objects alone.
+    BehindVirtual,
+    /// The ground or a phantom, or the surface faces away.
+    Hidden,
+}
+
 impl Obstacles {
     pub fn new(scene: &Scene, casters: &[Part]) -> Self {
         let real: Vec<Part> = solid_phantoms(scene).cloned().collect();
@@ -88,18 +99,42 @@ impl Obstacles {
         }
     }
 
-    /// Whether the sky is visible along a ray.
-    pub fn is_open(&self, origin: Vec3, direction: Vec3) -> bool {
-        let behind_floor = self.floor.is_some() && direction.z < 0.0;
-        let (origin, direction) = (origin.as_dvec3(), direction.as_dvec3());
-        !behind_floor && !self.all.is_blocked(origin, direction, f64::INFINITY)
+    /// What blocks a ray to the sky.
+    pub fn sight_along(&self, origin: Vec3, direction: Vec3) -> Sight {
+        if self.floor.is_some() && direction.z < 0.0 {
+            return Sight::Hidden;
+        }
+        self.sight(origin, direction, f64::INFINITY)
+    }
+
+    /// What is between two points.
+    pub fn sight_of(&self, from: Vec3, to: Vec3) -> Sight {
+        if self.is_across_floor(from, to) {
+            return Sight::Hidden;
+        }
+        self.sight(from, to - from, NEARER)
+    }
+
+    fn sight(&self, origin: Vec3, way: Vec3, farthest: f64) -> Sight {
+        let (origin, way) = (origin.as_dvec3(), way.as_dvec3());
+        if !self.all.is_blocked(origin, way, farthest) {
+            Sight::Open
+        } else if self.real.is_blocked(origin, way, farthest) {
+            Sight::Hidden
+        } else {
+            Sight::BehindVirtual
+        }
+    }
+
+    fn is_across_floor(&self, from: Vec3, to: Vec3) -> bool {
+        let is_below = |p: Vec3| self.floor.is_some_and(|f| p.z < f);
+        is_below(from) != is_below(to)
     }
 
     /// Whether nothing is between two points.
     pub fn is_clear(&self, from: Vec3, to: Vec3) -> bool {
-        let below = |p: Vec3| self.floor.is_some_and(|f| p.z < f);
         let way = (to - from).as_dvec3();
-        below(from) == below(to) && !self.all.is_blocked(from.as_dvec3(), way, NEARER)
+        !self.is_across_floor(from, to) && !self.all.is_blocked(from.as_dvec3(), way, NEARER)
     }
 
     /// Returns the side of a phantom that a virtual object may hide from `origin`.

@@ -31,7 +31,7 @@ const COUNT: usize = 6144;
 /// Number of rays from each point.
 const GATHERED: usize = 96;
 /// Points that a thread looks from at a time.
-const CHUNK: usize = 64;
+pub(super) const CHUNK: usize = 64;
 
 /// Points on virtual surfaces that gather indirect light.
 pub(super) struct Receivers {
@@ -48,8 +48,8 @@ struct Receiver {
     phantoms: Vec<(u32, f32)>,
     /// Number of rays below the horizon of a scene with a ground that meet virtual surfaces.
     hide_ground: f32,
-    /// The ground texel that stands for all of the ground in the shading of this point.
-    foot: u32,
+    /// The ground texels that stand for all of the ground in the shading of this point.
+    ground: [u32; 3],
 }
 
 impl Receivers {
@@ -59,7 +59,8 @@ impl Receivers {
         obstacles: &Obstacles,
         region: &Region,
     ) -> Self {
-        let (places, area) = distribute(parts);
+        let triangles: Vec<[Vec3; 3]> = parts.flat_map(world_triangles).collect();
+        let (places, area) = distribute(&triangles, COUNT);
         let mut seen: Vec<Option<Receiver>> = places.iter().map(|_| None).collect();
         let chunks = places.chunks(CHUNK).zip(seen.chunks_mut(CHUNK));
         threads::for_each(chunks.enumerate().collect(), |(chunk, (places, seen))| {
@@ -89,7 +90,8 @@ impl Receivers {
         out: &mut SurfaceIrradiance,
     ) {
         let irradiance = self.points.iter().map(|point| {
-            let near = light.floor * ground.share(point.foot);
+            let parts = point.ground.map(|texel| light.ground_now(texel, ground));
+            let near = parts.iter().sum::<Vec3>() / parts.len() as f32;
             let points = point.virtual_points.iter();
             let from_virtual =
                 points.map(|(p, rays)| surfels.radiance(p, 0.0, ground, sides, light) * *rays);
@@ -103,15 +105,14 @@ impl Receivers {
     }
 }
 
-/// Distributes points (position, normal) over the triangles by area; returns them with the area of
+/// Distributes `count` points (position, normal) over triangles by area; returns them with the area of
 /// each, square metres.
-fn distribute<'a>(parts: impl Iterator<Item = &'a Part>) -> (Vec<(Vec3, Vec3)>, f32) {
-    let triangles: Vec<[Vec3; 3]> = parts.flat_map(world_triangles).collect();
+pub(super) fn distribute(triangles: &[[Vec3; 3]], count: usize) -> (Vec<(Vec3, Vec3)>, f32) {
     let doubled = |t: &[Vec3; 3]| (t[1] - t[0]).cross(t[2] - t[0]);
     let total: f32 = triangles.iter().map(|t| 0.5 * doubled(t).length()).sum();
-    let step = total / COUNT as f32;
-    let (mut places, mut passed) = (Vec::with_capacity(COUNT), 0.5 * step);
-    for t in &triangles {
+    let step = total / count as f32;
+    let (mut places, mut passed) = (Vec::with_capacity(count), 0.5 * step);
+    for t in triangles {
         passed -= 0.5 * doubled(t).length();
         while passed < 0.0 && step > 0.0 {
             passed += step;
@@ -121,11 +122,14 @@ fn distribute<'a>(parts: impl Iterator<Item = &'a Part>) -> (Vec<(Vec3, Vec3)>, 
     (places, step)
 }
 
-/// The place on the ground whose surroundings the compositor's `bounce` takes for the whole ground
-/// below a point.
-fn foot(position: Vec3, normal: Vec3, floor: f32) -> Vec3 {
-    let aside = normal.truncate() * ((position.z - floor).max(0.0) / 0.7);
-    position + aside.extend(0.0)
+/// How far ahead the parts of the ground lie that the compositor's `bounce` takes for the whole ground
+/// below a point, in heights.
+const AHEAD: [f32; 3] = [0.663, 1.732, 5.916];
+
+/// The middles of these parts.
+fn parts_of_ground(position: Vec3, normal: Vec3, floor: f32) -> [Vec3; 3] {
+    let height = (position.z - floor).max(0.0);
+    AHEAD.map(|ahead| position + (normal.truncate() * (ahead * height)).extend(0.0))
 }
 
 /// Finds what a point sees; `None` if it is inside another object.
@@ -137,18 +141,14 @@ fn look(
     region: &Region,
 ) -> Option<Receiver> {
     let origin = position + normal * region.offset();
-    let azimuth = TAU * (index as f64 * 0.618_033_988_749_895).fract() as f32;
-    let (tangent, other) = normal.any_orthonormal_pair();
-    let world_from_local = Mat3::from_cols(tangent, other, normal);
     let mut seen = Receiver {
         virtual_points: Vec::new(),
         phantoms: Vec::new(),
         hide_ground: 0.0,
-        foot: ground_texel(region, foot(position, normal, region.floor)),
+        ground: parts_of_ground(position, normal, region.floor).map(|p| ground_texel(region, p)),
     };
     let mut inside = 0;
-    for k in 0..GATHERED {
-        let d = world_from_local * cosine_direction(k, GATHERED, azimuth);
+    for d in rays_from(normal, index, GATHERED) {
         let is_below = obstacles.floor.is_some() && d.z < 0.0;
         match obstacles.first_hit(origin, d) {
             FirstHit::Sky | FirstHit::Ground(_) => (),
@@ -165,8 +165,16 @@ fn look(
     (2 * inside < GATHERED).then_some(seen)
 }
 
+/// Directions of `count` rays from the point number `index`, with a density proportional to the cosine.
+pub(super) fn rays_from(normal: Vec3, index: usize, count: usize) -> impl Iterator<Item = Vec3> {
+    let azimuth = TAU * (index as f64 * 0.618_033_988_749_895).fract() as f32;
+    let (tangent, other) = normal.any_orthonormal_pair();
+    let world_from_local = Mat3::from_cols(tangent, other, normal);
+    (0..count).map(move |k| world_from_local * cosine_direction(k, count, azimuth))
+}
+
 /// Counts one more ray that meets `what`.
-fn count<T: PartialEq>(met: &mut Vec<(T, f32)>, what: T) {
+pub(super) fn count<T: PartialEq>(met: &mut Vec<(T, f32)>, what: T) {
     match met.iter_mut().find(|(other, _)| *other == what) {
         Some((_, rays)) => *rays += 1.0,
         None => met.push((what, 1.0)),

@@ -26,8 +26,13 @@ pub(super) struct Region {
     pub floor: f32,
     /// Where places on the ground lie in its grid.
     pub on_ground: GroundMap,
+    /// Bounding box of the objects.
+    objects: [Vec3; 2],
 }
 
+/// How far phantoms receive indirect light, as a share of the region's reach: a larger box would make their grid
+/// coarser.
+const BESIDE: f32 = 0.75;
 /// How far the finer part of the ground reaches beyond the objects, as a share of the region's reach.
 const CONTACT: f32 = 0.15;
 
@@ -62,6 +67,7 @@ impl Region {
             let share = |p: Vec3| (p - low).truncate() / (high - low).truncate();
             let near = CONTACT * reach;
             Self {
+                objects,
                 low,
                 high,
                 floor,
@@ -80,6 +86,25 @@ impl Region {
     /// Distance of a ray's origin from its surface, metres.
     pub fn offset(&self) -> f32 {
         1e-4 * (self.high - self.low).max_element()
+    }
+
+    /// The box about the objects in which phantoms receive indirect light.
+    pub fn beside_objects(&self) -> [Vec3; 2] {
+        let low = self.objects[0].lerp(self.low, BESIDE);
+        let high = self.objects[1].lerp(self.high, BESIDE);
+        [low.with_z(self.low.z), high]
+    }
+
+    /// Weight of a point in that box: 1 about the objects, falling to 0 at the walls.
+    pub fn window_beside_objects(&self, p: Vec3) -> f32 {
+        let [low, high] = self.beside_objects();
+        let below = (p - low) / (self.objects[0] - low).max(Vec3::splat(1e-6));
+        let above = (high - p) / (high - self.objects[1]).max(Vec3::splat(1e-6));
+        let walls = [below.x, below.y, above.x, above.y, above.z];
+        walls
+            .map(|w| (3.0 * w).clamp(0.0, 1.0))
+            .into_iter()
+            .product()
     }
 
     /// Weight of a point: 1 inside, falling to 0 at the walls, so that no edge is visible.

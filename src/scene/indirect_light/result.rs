@@ -3,7 +3,7 @@
 use super::ground_map::GroundMap;
 use super::surface_grid::SurfaceIrradiance;
 use super::surfel_index::SurfelIndex;
-use glam::Vec3;
+use glam::{Vec2, Vec3};
 use std::sync::Arc;
 
 /// Number of texels along a side of the ground grid.
@@ -22,10 +22,11 @@ pub struct IndirectLight {
     pub high: Vec3,
     /// Where places on the ground lie in its grid.
     pub on_ground: GroundMap,
-    /// Change of irradiance by the virtual objects.
-    pub change: Irradiance,
-    /// Irradiance by light that phantoms reflect, without virtual objects.
-    pub real: Irradiance,
+    /// Change of irradiance on real surfaces by the virtual objects.
+    pub change: OnReal,
+    /// Irradiance on real surfaces without virtual objects: by light that phantoms reflect, and on phantoms
+    /// by what the ground they see has more or less than its mean.
+    pub real: OnReal,
     /// Irradiance by light that phantoms reflect where virtual objects shadow them.
     pub real_now: Irradiance,
     /// Irradiance on virtual surfaces that stand still, by light of all other surfaces, minus the
@@ -51,6 +52,15 @@ pub struct NearbyRadiance {
     pub ground: Vec<Vec3>,
 }
 
+/// Irradiance on real surfaces, linear RGB.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct OnReal {
+    /// On the ground, row by row from the lower corner: [`GROUND_SIDE`]² values.
+    pub ground: Vec<Vec3>,
+    /// On phantoms.
+    pub surfaces: SurfaceIrradiance,
+}
+
 /// Irradiance around the virtual objects, linear RGB.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Irradiance {
@@ -59,6 +69,48 @@ pub struct Irradiance {
     /// In the air, on surfaces that face +X −X +Y −Y +Z −Z: six volumes of [`VOLUME_SIZE`] values,
     /// x fastest.
     pub volume: [Vec<Vec3>; 6],
+}
+
+/// What is known of the real surfaces around the virtual objects, without these.
+#[derive(Clone, Copy)]
+pub struct RealSurfaces<'a> {
+    /// Radiance of phantoms.
+    pub phantoms: &'a PhantomRadiance,
+    /// Brightness of places on the ground.
+    pub ground: &'a GroundBrightness,
+}
+
+/// Radiance of places on the ground as a share of its mean, RGB: texture, and shadows of real objects.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct GroundBrightness {
+    /// Corner of a square with the least x and y; world, metres.
+    pub low: Vec2,
+    /// Edge of the square, metres.
+    pub edge: f32,
+    /// Number of cells along the edge.
+    pub side: usize,
+    /// The cells, row by row; `None` where the ground was never seen.
+    pub cells: Vec<Option<Vec3>>,
+}
+
+impl GroundBrightness {
+    /// Brightness at a place (world, metres); 1 where it is not known.
+    #[must_use]
+    pub fn at(&self, place: Vec2) -> Vec3 {
+        self.known_at(place).unwrap_or(Vec3::ONE)
+    }
+
+    /// Brightness at a place, if it is known.
+    #[must_use]
+    pub fn known_at(&self, place: Vec2) -> Option<Vec3> {
+        let cell = (place - self.low) * (self.side as f32 / self.edge);
+        let is_within = cell.cmpge(Vec2::ZERO).all() && cell.max_element() < self.side as f32;
+        let found = is_within.then(|| {
+            self.cells
+                .get(cell.y as usize * self.side + cell.x as usize)
+        });
+        found.flatten().copied().flatten()
+    }
 }
 
 /// Radiance of the phantoms without the ground, in the order of the scene: for each phantom that

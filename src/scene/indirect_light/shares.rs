@@ -9,12 +9,24 @@ use penumbra_lighting::compact_source_specular::CompleteMap;
 /// Light from the environment and from real surfaces, without virtual objects.
 pub(super) struct DistantLight<'a> {
     pub radiance: CompleteMap<'a>,
-    /// Radiance of the ground; black where there is none.
-    pub floor: Vec3,
+    /// Mean radiance of the ground; black where there is none.
+    pub mean_ground: Vec3,
+    /// Radiance of the ground, by texel.
+    pub ground: &'a [Vec3],
     pub phantoms: &'a PhantomRadiance,
 }
 
 impl DistantLight<'_> {
+    /// Radiance of a ground texel; the mean outside the grid.
+    pub fn ground_radiance(&self, texel: u32) -> Vec3 {
+        (self.ground.get(texel as usize)).map_or(self.mean_ground, |radiance| *radiance)
+    }
+
+    /// Radiance of a ground texel in the presence of the virtual objects.
+    pub fn ground_now(&self, texel: u32, shares: &GroundShares) -> Vec3 {
+        self.ground_radiance(texel) * shares.share(texel)
+    }
+
     /// Radiance of a phantom's side.
     pub fn phantom_radiance(&self, side: u32) -> Vec3 {
         let sides = self.phantoms.get(side as usize / 6);

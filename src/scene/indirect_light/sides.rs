@@ -1,6 +1,7 @@
 //! Irradiance on the sides of phantoms in the presence of virtual objects: a real surface in a
 //! virtual shadow reflects less light than the camera's picture, which lacks the shadow, shows.
 
+use super::compact_sources::{Arriving, CompactSources};
 use super::directions::{Directions, side_of};
 use super::lamplight::Lamplight;
 use super::obstacles::{FirstHit, Obstacles};
@@ -25,6 +26,7 @@ pub(super) struct Sides {
     points: Vec<Vec<Point>>,
     /// At all points, side by side.
     lamplight: Lamplight,
+    compact: CompactSources,
     pub shares: SideShares,
 }
 
@@ -73,6 +75,7 @@ impl Sides {
             .collect();
         Self {
             shares: SideShares(vec![Vec3::ONE; points.len()]),
+            compact: CompactSources::new(places.iter().copied(), region.offset()),
             lamplight: Lamplight::new(places.into_iter(), region.offset()),
             points,
         }
@@ -90,28 +93,35 @@ impl Sides {
         ground: &GroundShares,
         directions: &Directions,
         light: &DistantLight<'_>,
+        obstacles: &Obstacles,
     ) {
+        self.compact.update(&directions.compact, obstacles);
         let previous = &self.shares;
         let radiance = |view: View, now: bool| match view {
             View::Sky => Vec3::ZERO,
-            View::Ground(texel) if now => light.floor * ground.share(texel),
-            View::Ground(_) => light.floor,
+            View::Ground(texel) if now => light.ground_now(texel, ground),
+            View::Ground(texel) => light.ground_radiance(texel),
             View::Phantom(side) if now => previous.radiance(side, light),
             View::Phantom(side) => light.phantom_radiance(side),
             View::Surfel(i) => surfels.total_radiance(i),
         };
         let irradiance = |(direction, weight, view, now): (usize, f32, View, bool)| match view {
-            View::Sky => directions.light[direction] * (weight / Directions::solid_angle()),
+            View::Sky => directions.cells[direction] * (weight / Directions::solid_angle()),
             other => radiance(other, now) * weight,
         };
         let mut first = 0;
         let shares = self.points.iter().map(|points| {
-            let lamps = first..first + points.len();
-            first = lamps.end;
-            let lamps: Vec3 = lamps.map(|i| self.lamplight.at(i)).sum();
+            let all = first..first + points.len();
+            first = all.end;
+            let lamps: Vec3 = all.clone().map(|i| self.lamplight.at(i)).sum();
+            let compact = |of: fn(Arriving) -> Vec3| -> Vec3 {
+                all.clone().map(|i| of(self.compact.at(i))).sum()
+            };
             let views = || points.iter().flat_map(|p| &p.views);
             let before: Vec3 = views().map(|v| irradiance((v.0, v.1, v.2, false))).sum();
+            let before = before + compact(|arriving| arriving.before);
             let now: Vec3 = views().map(|v| irradiance((v.0, v.1, v.3, true))).sum();
+            let now = now + compact(|arriving| arriving.now);
             if before.min_element() > 1e-6 {
                 let share = (now / before).clamp(Vec3::ZERO, Vec3::splat(MAX_SHARE));
                 share + lamps / before

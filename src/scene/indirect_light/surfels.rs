@@ -1,5 +1,6 @@
 //! Surfels: points on the virtual objects that receive and reflect light.
 
+use super::compact_sources::CompactSources;
 use super::directions::Directions;
 use super::lamplight::Lamplight;
 use super::obstacles::{FirstHit, Obstacles, SurfacePoint};
@@ -73,8 +74,6 @@ pub(super) struct Surfels {
     previous: Vec<Vec3>,
     compact: CompactSources,
     lamplight: Lamplight,
-    /// Distance of a ray's origin from its surface, metres.
-    offset: f32,
     /// Side of the square that a surfel stands for, metres.
     spacing: f32,
 }
@@ -108,15 +107,15 @@ impl Surfels {
         }
         let dark = vec![Vec3::ZERO; all.len()];
         let lamplight = Lamplight::new(places(&all).into_iter(), region.offset());
+        let compact = CompactSources::new(places(&all).into_iter(), region.offset());
         Self {
             all,
             index: Arc::new(index),
             radiance: dark.clone(),
             total: dark.clone(),
             previous: dark,
-            compact: CompactSources::default(),
+            compact,
             lamplight,
-            offset: region.offset(),
             spacing,
         }
     }
@@ -192,15 +191,12 @@ impl Surfels {
         obstacles: &Obstacles,
     ) {
         std::mem::swap(&mut self.previous, &mut self.total);
-        let compact = &mut self.compact;
-        compact.update(&self.all, &directions.compact, obstacles, self.offset);
+        self.compact.update(&directions.compact, obstacles);
         for (i, surfel) in self.all.iter().enumerate() {
-            let sky = directions.irradiance_of_cells(surfel.normal, surfel.sky)
-                + self
-                    .compact
-                    .irradiance(i, surfel.normal, &directions.compact);
+            let sky =
+                directions.irradiance_of_cells(surfel.normal, surfel.sky) + self.compact.at(i).now;
             let on_ground =
-                |(texel, weight): &(u32, f32)| light.floor * ground.share(*texel) * *weight;
+                |(texel, weight): &(u32, f32)| light.ground_now(*texel, ground) * *weight;
             let from_ground: Vec3 = surfel.ground.iter().map(on_ground).sum();
             let on_other = |(k, weight): &(u32, f32)| self.previous[*k as usize] * *weight;
             let from_others: Vec3 = surfel.others.iter().map(on_other).sum();
@@ -233,56 +229,11 @@ impl Surfels {
             Source::Sky => {
                 light.sky_radiance(self.all[i].position, direction, surface.gloss.max(width))
             }
-            Source::Ground(texel) => light.floor * ground.share(texel),
+            Source::Ground(texel) => light.ground_now(texel, ground),
             Source::Surfel(other) => self.total[other as usize],
             Source::Phantom(side) => sides.radiance(side, light),
         };
         self.radiance[i] + surface.f0 * reflected
-    }
-}
-
-/// Visibility of compact sources from surfels. The directions of the sky are too coarse for them:
-/// their shadows have edges.
-#[derive(Default)]
-struct CompactSources {
-    /// By slot: the direction, and whether each surfel sees the source.
-    seen: Vec<(Vec3, Vec<bool>)>,
-}
-
-/// Cosine of the angle by which a source moves before its visibility is found again: a quarter of
-/// a degree, the radius of the sun.
-const MOVED: f32 = 0.999_99;
-
-impl CompactSources {
-    /// Finds the visibility of `sources` (direction, irradiance) that have moved.
-    fn update(
-        &mut self,
-        surfels: &[Surfel],
-        sources: &[(Vec3, Vec3)],
-        obstacles: &Obstacles,
-        offset: f32,
-    ) {
-        self.seen.resize(sources.len(), Default::default());
-        for ((before, seen), (direction, irradiance)) in self.seen.iter_mut().zip(sources) {
-            if before.dot(*direction) >= MOVED || *irradiance == Vec3::ZERO {
-                continue;
-            }
-            *before = *direction;
-            let sees = |s: &Surfel| {
-                let origin = s.position + s.normal * offset;
-                s.normal.dot(*direction) > 0.0 && obstacles.is_open(origin, *direction)
-            };
-            seen.clear();
-            seen.extend(surfels.iter().map(sees));
-        }
-    }
-
-    /// Irradiance of `sources` on a surfel with normal `n`.
-    fn irradiance(&self, surfel: usize, n: Vec3, sources: &[(Vec3, Vec3)]) -> Vec3 {
-        let each = self.seen.iter().zip(sources);
-        each.filter(|((_, seen), _)| seen.get(surfel).is_some_and(|seen| *seen))
-            .map(|(_, (direction, irradiance))| *irradiance * n.dot(*direction).max(0.0))
-            .sum()
     }
 }
 

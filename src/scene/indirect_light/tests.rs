@@ -24,6 +24,19 @@ fn solver(size: f32) -> IndirectLightSolver {
     IndirectLightSolver::new(&scene, &casters(&scene)).unwrap()
 }
 
+static EVEN: GroundBrightness = GroundBrightness {
+    low: glam::Vec2::ZERO,
+    edge: 1.0,
+    side: 0,
+    cells: Vec::new(),
+};
+
+/// Phantoms of this radiance on an even ground.
+fn real(phantoms: &PhantomRadiance) -> RealSurfaces<'_> {
+    let ground = &EVEN;
+    RealSurfaces { phantoms, ground }
+}
+
 fn lighting(generation: u64) -> Lighting {
     Lighting {
         captured_at: MonotonicTime::from_nanos(0),
@@ -42,7 +55,7 @@ fn lighting(generation: u64) -> Lighting {
 
 #[test]
 fn changed_scene_has_a_new_generation_under_the_same_lighting() {
-    let none: &PhantomRadiance = &[];
+    let none = real(&[]);
     let mut before = solver(0.1);
     before.update(&lighting(5), none, &[]);
     before.update(&lighting(5), none, &[]);
@@ -82,7 +95,7 @@ fn on_virtual(parts: Vec<Part>, bounces: u64) -> SurfaceIrradiance {
     };
     let mut solver = IndirectLightSolver::new(&scene, &scene.virtual_parts).unwrap();
     for generation in 1..=bounces {
-        solver.update(&lighting(generation), &[], &[]);
+        solver.update(&lighting(generation), real(&[]), &[]);
     }
     solver.light().on_virtual.clone()
 }
@@ -125,7 +138,7 @@ fn inside_of_an_object_does_not_light_the_ground_beside_it() {
         ..Scene::default()
     };
     let mut solver = IndirectLightSolver::new(&scene, &scene.virtual_parts).unwrap();
-    solver.update(&lighting(1), &[], &[]);
+    solver.update(&lighting(1), real(&[]), &[]);
     for beside in [0.004_f32, 0.01, 0.02] {
         // A long wall.
         let cosine = beside / beside.hypot(height);
@@ -149,7 +162,7 @@ fn ground_resolves_the_light_below_the_edge_of_an_object() {
         ..Scene::default()
     };
     let mut solver = IndirectLightSolver::new(&scene, &scene.virtual_parts).unwrap();
-    solver.update(&lighting(1), &[], &[]);
+    solver.update(&lighting(1), real(&[]), &[]);
     let mean = |beside: f32| on_ground_beside(solver.light(), beside);
     for beside in [-0.03_f32, -0.01, 0.0, 0.01, 0.03] {
         // A plate that is large beside its height.
@@ -224,23 +237,152 @@ fn ground_passes_the_light_of_a_lamp_on() {
         place: penumbra_lighting::LightPlace::default(),
     }];
     let dark = [[Vec3::ZERO; 6]];
-    solver.update(&lighting, &dark, &[lamp]);
+    solver.update(&lighting, real(&dark), &[lamp]);
     let light = solver.light();
-    let [nx, ny, nz] = VOLUME_SIZE;
-    let (x, y, z) = (5, ny / 2, 2);
-    let cells = Vec3::new(nx as f32, ny as f32, nz as f32);
-    let cell = Vec3::new(x as f32, y as f32, z as f32) + 0.5;
-    let p = light.low + (light.high - light.low) * cell / cells;
-    let found = light.change.volume[1][(x + nx * (y + ny * z)) as usize].x;
-    let expected = from_lit_ground(p, &lamp, albedo, [light.low, light.high]);
-    assert!(
-        (found / expected - 1.0).abs() < 0.12,
-        "{found} {expected} at {p}"
-    );
+    for height in [0.18, 0.25, 0.35] {
+        let p = Vec3::new(0.29, 0.02, height);
+        let found = light.change.surfaces.on(p, Vec3::NEG_X);
+        let expected = from_lit_ground(p, &lamp, albedo, [light.low, light.high]);
+        assert!(
+            (found.x / expected - 1.0).abs() < 0.12 && found.w == 1.0,
+            "{found} {expected} at {p}"
+        );
+    }
     // Without virtual lights, nothing changes.
-    solver.settle(&lighting, &dark, &[]);
-    let change = &solver.light().change;
-    assert!(change.volume.iter().flatten().all(|e| *e == Vec3::ZERO));
+    solver.settle(&lighting, real(&dark), &[]);
+    let change = &solver.light().change.surfaces;
+    assert!(!change.values.is_empty());
+    assert!(change.values.iter().all(|e| *e == Vec3::ZERO));
+}
+
+/// A black plate with the edge 0.2 m at the height 0.5 m over the origin.
+fn plate() -> Part {
+    let place = glam::DVec3::Z * 0.5;
+    let mesh = primitives::cuboid(Vec3::new(0.2, 0.2, 0.001));
+    part_of(mesh, 0.0, 0.0, DMat4::from_translation(place))
+}
+
+/// The light of one compact source.
+fn sunlight(direction: Vec3, place: penumbra_lighting::LightPlace) -> Lighting {
+    let mut lighting = lighting(1);
+    lighting.ground_radiance = Vec3::splat(0.2);
+    lighting.lights = vec![penumbra_lighting::DomeLight {
+        direction: direction.normalize(),
+        irradiance: Vec3::splat(3.0),
+        angular_radius: 0.004,
+        kind: penumbra_lighting::LightKind::Compact,
+        place,
+    }];
+    lighting
+}
+
+/// Share of its light that a place on the ground has.
+fn ground_share(light: &IndirectLight, place: glam::Vec2) -> f32 {
+    let at = (place - light.low.truncate()) / (light.high - light.low).truncate();
+    let share = light.on_ground.value(&light.nearby.ground, at);
+    share.expect("a grid").x
+}
+
+#[test]
+fn shadows_of_compact_sources_lie_where_they_belong() {
+    let far = penumbra_lighting::LightPlace::FAR;
+    let scene = Scene {
+        virtual_parts: vec![plate()],
+        ground_height: Some(0.0),
+        ..Scene::default()
+    };
+    let mut solver = IndirectLightSolver::new(&scene, &casters(&scene)).unwrap();
+    for k in 0..8 {
+        let (sin, cos) = (k as f32).sin_cos();
+        let direction = Vec3::new(0.6 * cos, 0.6 * sin, 1.0);
+        let centre = -0.5 * direction.truncate();
+        solver.lit_by = None;
+        solver.update(&sunlight(direction, far), real(&[]), &[]);
+        let share = |beside: f32| ground_share(solver.light(), centre + glam::Vec2::X * beside);
+        assert!(share(0.0) < 0.01 && share(0.06) < 0.01, "{direction}");
+        assert!(share(0.14) > 0.99 && share(-0.14) > 0.99, "{direction}");
+    }
+    // A lamp at twice the height makes a shadow of twice the size.
+    let near = penumbra_lighting::LightPlace {
+        reference: Vec3::ZERO,
+        inverse_distance: 1.0,
+    };
+    solver.lit_by = None;
+    solver.update(&sunlight(Vec3::Z, near), real(&[]), &[]);
+    let share = |x: f32| ground_share(solver.light(), glam::Vec2::X * x);
+    assert!(share(0.16) < 0.01 && share(0.24) > 0.99);
+}
+
+#[test]
+fn wall_lacks_the_light_of_ground_in_a_virtual_shadow_as_bright_as_that_is() {
+    let place = DMat4::from_translation(glam::DVec3::X * 0.3);
+    let scene = Scene {
+        virtual_parts: vec![plate()],
+        phantom_parts: vec![part_of(
+            primitives::cuboid(Vec3::new(0.02, 0.6, 0.4)),
+            0.5,
+            0.0,
+            place,
+        )],
+        ground_height: Some(0.0),
+        ..Scene::default()
+    };
+    let mut solver = IndirectLightSolver::new(&scene, &casters(&scene)).unwrap();
+    let sun = sunlight(Vec3::Z, penumbra_lighting::LightPlace::FAR);
+    // The shadow falls onto a white square on grey ground.
+    let side = 32;
+    let edge = 1.6;
+    let mut ground = GroundBrightness {
+        low: glam::Vec2::splat(-0.5 * edge),
+        edge,
+        side,
+        cells: Vec::new(),
+    };
+    let is_white = |k: usize| (12..20).contains(&k);
+    let brightness = |k: usize| {
+        if is_white(k % side) && is_white(k / side) {
+            3.0
+        } else {
+            0.8
+        }
+    };
+    ground.cells = (0..side * side)
+        .map(|k| Some(Vec3::splat(brightness(k))))
+        .collect();
+    let dark = [[Vec3::ZERO; 6]];
+    let real = RealSurfaces {
+        phantoms: &dark,
+        ground: &ground,
+    };
+    solver.update(&sun, real, &[]);
+    for height in [0.05, 0.1, 0.2] {
+        let p = Vec3::new(0.29, 0.01, height);
+        let found = solver.light().change.surfaces.on(p, Vec3::NEG_X);
+        let expected = -3.0 * from_square(p, 0.1, 0.2);
+        assert!(
+            (found.x / expected - 1.0).abs() < 0.12,
+            "{height}: {found} {expected}"
+        );
+        // Beside the mean, the white square and the grey ground around it.
+        let found = solver.light().real.surfaces.on(p, Vec3::NEG_X);
+        let grey = -0.2 * from_square(p, 0.5 * edge, 0.2);
+        let expected = grey + 2.2 * from_square(p, 0.2, 0.2);
+        assert!(
+            (found.x - expected).abs() < 0.15 * expected.abs().max(0.05),
+            "{height}: {found} {expected}"
+        );
+    }
+}
+
+/// Irradiance at `p` on a surface that faces −X, by a square of the ground about the origin.
+fn from_square(p: Vec3, half: f32, radiance: f32) -> f32 {
+    let step = 2.0 * half / 200.0;
+    let each = (0..200 * 200).map(|i| {
+        let at = glam::Vec2::new((i % 200) as f32, (i / 200) as f32) + 0.5;
+        let to_p = p - (at * step - half).extend(0.0);
+        radiance * to_p.x.max(0.0) * to_p.z / to_p.length_squared().powi(2) * step * step
+    });
+    each.sum()
 }
 
 #[test]

@@ -1,52 +1,31 @@
-//! Irradiance of indirect light in the air around the objects, as ambient cubes (McTaggart 2004).
+//! Irradiance of light that phantoms reflect, in the air around the objects, as ambient cubes (McTaggart
+//! 2004).
 
 use super::directions::{AXES, Directions};
 use super::obstacles::{FirstHit, Obstacles};
 use super::region::Region;
-use super::result::{IndirectLight, VOLUME_SIZE};
-use super::shares::{DistantLight, GroundShares, SideShares, ground_texel};
-use super::surfels::{ReflectingPoint, Surfels};
+use super::result::{Irradiance, VOLUME_SIZE};
+use super::shares::{DistantLight, SideShares};
 use glam::{UVec3, Vec3};
 
 /// Distance from a virtual surface, in distances of probes, below which a probe stands for its neighbours
 /// no longer: what it sees is not what surfaces beside it see.
 const BESIDE: f32 = 0.5;
-/// Least width of the lobe in which a probe sees a mirror's surroundings, radians: twice the distance of its
-/// directions. A narrower one makes single probes as bright as a window, which the eye sees as a spot on
-/// the wall.
-const MIRRORED: f32 = 0.4;
-
 /// A regular grid of probes.
 pub(super) struct Volume {
     probes: Vec<Probe>,
 }
 
 struct Probe {
-    /// Index of a direction, the virtual surface there and what it hides.
-    virtual_points: Vec<(usize, ReflectingPoint, Hidden)>,
-    /// Index of a direction and the ground texel there.
-    ground: Vec<(usize, u32)>,
-    /// Index of a direction and the phantom side there.
+    /// Sides of phantoms that are visible without virtual objects: index of the direction and side.
     phantoms: Vec<(usize, u32)>,
     window: f32,
     /// Whether it is neither inside an object nor close to one.
     is_outside: bool,
 }
 
-#[derive(Clone, Copy)]
-enum Hidden {
-    Sky,
-    Ground,
-    Phantom(u32),
-}
-
 impl Volume {
-    pub fn new(
-        obstacles: &Obstacles,
-        surfels: &Surfels,
-        directions: &Directions,
-        region: &Region,
-    ) -> Self {
+    pub fn new(obstacles: &Obstacles, directions: &Directions, region: &Region) -> Self {
         let [nx, ny, nz] = VOLUME_SIZE;
         let size = region.high - region.low;
         let counts = Vec3::new(nx as f32, ny as f32, nz as f32);
@@ -55,7 +34,7 @@ impl Volume {
             .map(|i| {
                 let cell = UVec3::new(i % nx, i / nx % ny, i / (nx * ny)).as_vec3();
                 let point = region.low + size * (cell + 0.5) / counts;
-                probe(point, obstacles, surfels, directions, region, beside)
+                probe(point, obstacles, directions, region, beside)
             })
             .collect();
         Self { probes }
@@ -64,53 +43,26 @@ impl Volume {
     /// Computes the irradiance at every probe on surfaces that face the six axes.
     pub fn gather(
         &self,
-        surfels: &Surfels,
-        ground: &GroundShares,
         sides: &SideShares,
         directions: &Directions,
         light: &DistantLight<'_>,
-        out: &mut IndirectLight,
+        out: &mut Irradiance,
     ) {
-        for part in [&mut out.change, &mut out.real, &mut out.real_now] {
-            for face in &mut part.volume {
-                face.clear();
-                face.resize(self.probes.len(), Vec3::ZERO);
-            }
+        for face in &mut out.volume {
+            face.clear();
+            face.resize(self.probes.len(), Vec3::ZERO);
         }
         for (i, probe) in self.probes.iter().enumerate() {
-            let add = |volume: &mut [Vec<Vec3>; 6], direction: usize, radiance: Vec3| {
-                let d = directions.all[direction];
-                for (face, axis) in volume.iter_mut().zip(AXES) {
+            for (direction, side) in &probe.phantoms {
+                let d = directions.all[*direction];
+                let radiance = sides.radiance(*side, light);
+                for (face, axis) in out.volume.iter_mut().zip(AXES) {
                     let weight = d.dot(axis).max(0.0) * Directions::solid_angle();
                     face[i] += radiance * (weight * probe.window);
                 }
-            };
-            for (direction, point, hidden) in &probe.virtual_points {
-                let before = match hidden {
-                    Hidden::Sky => Vec3::ZERO,
-                    Hidden::Ground => light.floor,
-                    // Hidden sides are in `phantoms` too, as for the ground.
-                    Hidden::Phantom(side) => sides.radiance(*side, light),
-                };
-                let now = surfels.radiance(point, MIRRORED, ground, sides, light);
-                add(&mut out.change.volume, *direction, now - before);
-            }
-            for (direction, texel) in &probe.ground {
-                let lost = light.floor * (ground.share(*texel) - Vec3::ONE);
-                add(&mut out.change.volume, *direction, lost);
-            }
-            for (direction, side) in &probe.phantoms {
-                let (before, now) = (light.phantom_radiance(*side), sides.radiance(*side, light));
-                add(&mut out.change.volume, *direction, now - before);
-                add(&mut out.real.volume, *direction, before);
-                add(&mut out.real_now.volume, *direction, now);
             }
         }
-        for part in [&mut out.change, &mut out.real, &mut out.real_now] {
-            part.volume
-                .iter_mut()
-                .for_each(|face| self.fill_inside(face));
-        }
+        (out.volume.iter_mut()).for_each(|face| self.fill_inside(face));
     }
 
     /// Sets probes inside objects or close to them to the mean of their neighbours, so that surfaces
@@ -143,14 +95,11 @@ impl Volume {
 fn probe(
     point: Vec3,
     obstacles: &Obstacles,
-    surfels: &Surfels,
     directions: &Directions,
     region: &Region,
     beside: f32,
 ) -> Probe {
     let mut probe = Probe {
-        virtual_points: Vec::new(),
-        ground: Vec::new(),
         phantoms: Vec::new(),
         window: region.window(point),
         is_outside: false,
@@ -160,27 +109,10 @@ fn probe(
         match obstacles.first_hit(point, *d) {
             FirstHit::Virtual(hit) => {
                 nearest = nearest.min(hit.point.distance(point));
-                let hidden = match obstacles.hidden_side(point, *d) {
-                    Some(side) => Hidden::Phantom(side),
-                    None if obstacles.floor.is_some() && d.z < 0.0 => Hidden::Ground,
-                    None => Hidden::Sky,
-                };
-                if let Hidden::Phantom(side) = hidden {
-                    probe.phantoms.push((i, side));
-                }
-                let virtual_point = surfels.reflecting_point(&hit, *d, obstacles, region);
-                probe
-                    .virtual_points
-                    .extend(virtual_point.map(|p| (i, p, hidden)));
+                let hidden = obstacles.hidden_side(point, *d);
+                probe.phantoms.extend(hidden.map(|side| (i, side)));
             }
-            FirstHit::Ground(p) => {
-                probe.is_outside = true;
-                let texel = ground_texel(region, p);
-                if texel != u32::MAX {
-                    probe.ground.push((i, texel));
-                }
-            }
-            FirstHit::Sky => probe.is_outside = true,
+            FirstHit::Ground(_) | FirstHit::Sky => probe.is_outside = true,
             FirstHit::Phantom(side) => probe.phantoms.push((i, side)),
         }
     }

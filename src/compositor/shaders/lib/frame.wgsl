@@ -44,6 +44,9 @@ struct Frame {
     // is one.
     on_virtual_low: vec4f,
     on_virtual_high: vec4f,
+    // The same of the grid with that on phantoms.
+    on_real_low: vec4f,
+    on_real_high: vec4f,
     // Bounds of the shadowing planes of the real layer, world; w of the first = 1 if shadowing
     // planes are the technique.
     planes_low: vec4f,
@@ -104,7 +107,7 @@ struct Light {
 @group(0) @binding(5) var indirect_ground: texture_2d<f32>;
 @group(0) @binding(6) var indirect_volume: texture_3d<f32>;
 // The same on virtual surfaces alone, times a weight, and that weight.
-@group(0) @binding(14) var on_virtual: texture_3d<f32>;
+@group(0) @binding(14) var on_surfaces: texture_3d<f32>;
 
 // Returns `x`, in a form that no compiler recognises as uniform. Mesa's software driver compiles
 // the values of uniforms that alone decide a branch or a loop into the shader, and recompiles it

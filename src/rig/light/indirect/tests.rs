@@ -3,7 +3,7 @@ use glam::{DQuat, Vec3};
 use penumbra_interface::MonotonicTime;
 use penumbra_lighting::{CubeMap, DomeLight, Harmonics, LightKind, LightPlace};
 use penumbra_scene::motion::{Channel, Easing, Track};
-use penumbra_scene::{Material, Motion, Mover, casters, primitives};
+use penumbra_scene::{GroundBrightness, Material, Motion, Mover, casters, primitives};
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -61,7 +61,10 @@ fn lighting(generation: u64) -> Lighting {
 
 #[test]
 fn indirect_light_follows_a_moving_part() {
-    let none: &PhantomRadiance = &[];
+    let none = RealSurfaces {
+        phantoms: &[],
+        ground: &GroundBrightness::default(),
+    };
     let scene = scene();
     let mut updater = IndirectLightUpdater::new(&scene, &casters(&scene));
     let low = |updater: &IndirectLightUpdater| updater.light().unwrap().low.x;
@@ -95,7 +98,10 @@ fn indirect_light_follows_a_moving_part() {
 
 #[test]
 fn indirect_light_of_parts_at_rest_is_solved_once() {
-    let none: &PhantomRadiance = &[];
+    let none = RealSurfaces {
+        phantoms: &[],
+        ground: &GroundBrightness::default(),
+    };
     let scene = scene();
     let mut updater = IndirectLightUpdater::new(&scene, &casters(&scene));
     // The motion ends after one second.
