@@ -214,7 +214,11 @@ fn shade(pixel: vec2i, s: i32, own: bool) -> vec3f {
         direct = light_at(pixel, n, frame.eye.w / depth, own);
     }
     IF_CACHED direct += cached_irradiance(textureLoad(virtual_place, pixel, s).xy, n);
-    let irradiance = max(direct + bounce(world, n), vec3f(0.0)) * occlusion_of(shape, properties);
+    // Where virtual surfaces stand still, their indirect light has the ground.
+    if frame.on_virtual_low.w == 0.0 {
+        direct += bounce(world, n);
+    }
+    let irradiance = max(direct, vec3f(0.0)) * occlusion_of(shape, properties);
     let table = textureSampleLevel(gloss_table, smooth_sampler, vec2f(n_dot_v, gloss_row(gloss)), 0.0);
     let d = tilted(reflect(-v, n), n, table.z);
     var mirrored = reflected(world, d, table.w, gloss);

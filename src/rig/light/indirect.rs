@@ -84,7 +84,6 @@ impl IndirectLightUpdater {
             && let Ok(Some(mut found)) = next.finding.join()
         {
             found.follow(solver);
-            found.settle(lighting, real, &self.lamps);
             *solver = found;
         }
         solver.update(lighting, real, &self.lamps);

@@ -133,21 +133,13 @@ impl IndirectLightSolver {
         self.lit_by != Some(lighting.generation)
     }
 
-    /// Computes the indirect light under `lighting` with all bounces at once, for a solver that
-    /// replaces another while frames are shown.
-    pub fn settle(&mut self, lighting: &Lighting, real: RealSurfaces<'_>, lamps: &[PlacedLamp]) {
-        for _ in 0..BOUNCES {
-            self.lit_by = None;
-            self.update(lighting, real, lamps);
-        }
-    }
-
-    /// Computes the indirect light under `lighting` and the virtual lights `lamps`, with one more
-    /// bounce. Does nothing if it is up to date.
+    /// Computes the indirect light under `lighting` and the virtual lights `lamps`: the first time with all
+    /// bounces, later with one more. Does nothing if it is up to date.
     pub fn update(&mut self, lighting: &Lighting, real: RealSurfaces<'_>, lamps: &[PlacedLamp]) {
         if !self.is_outdated(lighting) {
             return;
         }
+        let bounces = if self.lit_by.is_none() { BOUNCES } else { 1 };
         self.lit_by = Some(lighting.generation);
         self.light.generation += 1;
         self.directions.set_light(lighting);
@@ -161,26 +153,29 @@ impl IndirectLightSolver {
         let light = DistantLight {
             radiance: CompleteMap::new(&lighting.radiance),
             mean_ground: floor,
+            below: lighting.irradiance.irradiance(Vec3::NEG_Z) / std::f32::consts::PI,
             ground: &self.ground.radiance,
             phantoms: real.phantoms,
         };
         self.sides.light_up(lamps, &self.obstacles);
         self.surfels.light_up(lamps, &self.obstacles);
         let shares = &self.ground.shares;
-        self.sides.update(
-            &self.surfels,
-            shares,
-            &self.directions,
-            &light,
-            &self.obstacles,
-        );
-        self.surfels.update(
-            &self.directions,
-            shares,
-            &self.sides.shares,
-            &light,
-            &self.obstacles,
-        );
+        for _ in 0..bounces {
+            self.sides.update(
+                &self.surfels,
+                shares,
+                &self.directions,
+                &light,
+                &self.obstacles,
+            );
+            self.surfels.update(
+                &self.directions,
+                shares,
+                &self.sides.shares,
+                &light,
+                &self.obstacles,
+            );
+        }
         self.ground
             .gather(&self.surfels, &self.sides.shares, &light, &mut self.light);
         let real_now = &mut self.light.real_now;

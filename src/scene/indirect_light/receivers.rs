@@ -46,10 +46,10 @@ struct Receiver {
     virtual_points: Vec<(ReflectingPoint, f32)>,
     /// Sides of phantoms, and the number of rays that meet each.
     phantoms: Vec<(u32, f32)>,
-    /// Number of rays below the horizon of a scene with a ground that meet virtual surfaces.
-    hide_ground: f32,
-    /// The ground texels that stand for all of the ground in the shading of this point.
-    ground: [u32; 3],
+    /// Ground texels, and the number of rays that meet each.
+    ground: Vec<(u32, f32)>,
+    /// Number of rays below the horizon of a scene with a ground.
+    below: f32,
 }
 
 impl Receivers {
@@ -90,15 +90,19 @@ impl Receivers {
         out: &mut SurfaceIrradiance,
     ) {
         let irradiance = self.points.iter().map(|point| {
-            let parts = point.ground.map(|texel| light.ground_now(texel, ground));
-            let near = parts.iter().sum::<Vec3>() / parts.len() as f32;
             let points = point.virtual_points.iter();
             let from_virtual =
                 points.map(|(p, rays)| surfels.radiance(p, 0.0, ground, sides, light) * *rays);
             let real = point.phantoms.iter();
             let from_real = real.map(|(side, rays)| sides.radiance(*side, light) * *rays);
-            let arriving = from_virtual.chain(from_real).sum::<Vec3>();
-            (arriving - near * point.hide_ground) * (PI / GATHERED as f32)
+            let on_ground = point.ground.iter();
+            let from_ground =
+                on_ground.map(|(texel, rays)| light.ground_now(*texel, ground) * *rays);
+            let arriving = from_virtual
+                .chain(from_real)
+                .chain(from_ground)
+                .sum::<Vec3>();
+            (arriving - light.below * point.below) * (PI / GATHERED as f32)
         });
         out.grid = Arc::clone(&self.grid);
         out.set(&self.splats, irradiance);
@@ -122,16 +126,6 @@ pub(super) fn distribute(triangles: &[[Vec3; 3]], count: usize) -> (Vec<(Vec3, V
     (places, step)
 }
 
-/// How far ahead the parts of the ground lie that the compositor's `bounce` takes for the whole ground
-/// below a point, in heights.
-const AHEAD: [f32; 3] = [0.663, 1.732, 5.916];
-
-/// The middles of these parts.
-fn parts_of_ground(position: Vec3, normal: Vec3, floor: f32) -> [Vec3; 3] {
-    let height = (position.z - floor).max(0.0);
-    AHEAD.map(|ahead| position + (normal.truncate() * (ahead * height)).extend(0.0))
-}
-
 /// Finds what a point sees; `None` if it is inside another object.
 fn look(
     (position, normal): (Vec3, Vec3),
@@ -144,21 +138,25 @@ fn look(
     let mut seen = Receiver {
         virtual_points: Vec::new(),
         phantoms: Vec::new(),
-        hide_ground: 0.0,
-        ground: parts_of_ground(position, normal, region.floor).map(|p| ground_texel(region, p)),
+        ground: Vec::new(),
+        below: 0.0,
     };
     let mut inside = 0;
     for d in rays_from(normal, index, GATHERED) {
         let is_below = obstacles.floor.is_some() && d.z < 0.0;
+        seen.below += f32::from(u8::from(is_below));
         match obstacles.first_hit(origin, d) {
-            FirstHit::Sky | FirstHit::Ground(_) => (),
+            FirstHit::Sky => (),
+            FirstHit::Ground(p) => count(&mut seen.ground, ground_texel(region, p)),
             FirstHit::Phantom(side) => count(&mut seen.phantoms, side),
             FirstHit::Virtual(hit) => match surfels.reflecting_point(&hit, d, obstacles, region) {
                 Some(point) if surfels.is_front(&point, &hit) => {
-                    seen.hide_ground += f32::from(u8::from(is_below));
                     count(&mut seen.virtual_points, point);
                 }
-                _ => inside += 1,
+                _ => {
+                    inside += 1;
+                    seen.below -= f32::from(u8::from(is_below));
+                }
             },
         }
     }

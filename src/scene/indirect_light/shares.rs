@@ -11,6 +11,8 @@ pub(super) struct DistantLight<'a> {
     pub radiance: CompleteMap<'a>,
     /// Mean radiance of the ground; black where there is none.
     pub mean_ground: Vec3,
+    /// Radiance from below that the light of the sky counts already.
+    pub below: Vec3,
     /// Radiance of the ground, by texel.
     pub ground: &'a [Vec3],
     pub phantoms: &'a PhantomRadiance,
