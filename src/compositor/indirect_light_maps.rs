@@ -32,7 +32,8 @@ impl IndirectLightMaps {
             [3 * GROUND_SIDE, GROUND_SIDE, 1],
         );
         let volume = texture(device, wgpu::TextureDimension::D3, [6 * nx, ny, nz]);
-        let grid = [SURFACE_KINDS as u32 * 6 * GRID_SIDE, GRID_SIDE, GRID_SIDE];
+        let kinds = SURFACE_KINDS as u32;
+        let grid = [6 * GRID_SIDE, GRID_SIDE, kinds * GRID_SIDE];
         let on_surfaces = texture(device, wgpu::TextureDimension::D3, grid);
         let view = |t: &wgpu::Texture| t.create_view(&wgpu::TextureViewDescriptor::default());
         Self {
@@ -94,16 +95,13 @@ impl IndirectLightMaps {
         kinds: [&SurfaceIrradiance; SURFACE_KINDS],
         texels: &mut Vec<[f16; 4]>,
     ) {
-        let row = 6 * GRID_SIDE as usize;
+        let size = (6 * GRID_SIDE * GRID_SIDE * GRID_SIDE) as usize;
         texels.clear();
-        let rows = (GRID_SIDE * GRID_SIDE) as usize;
-        texels.resize(SURFACE_KINDS * row * rows, [f16::ZERO; 4]);
+        texels.resize(SURFACE_KINDS * size, [f16::ZERO; 4]);
         for (kind, light) in kinds.into_iter().enumerate() {
             for ((texel, weight), value) in light.grid.cells.iter().zip(&light.values) {
                 let [r, g, b, _] = half_texel(value.to_array());
-                let (x, y) = (*texel as usize % row, *texel as usize / row);
-                let at = (y * SURFACE_KINDS + kind) * row + x;
-                texels[at] = [r, g, b, f16::from_f32(*weight)];
+                texels[kind * size + *texel as usize] = [r, g, b, f16::from_f32(*weight)];
             }
         }
         upload(queue, &self.on_surfaces, texels);

@@ -10,7 +10,9 @@ use penumbra_lighting::{
     Bracket, EnvironmentEstimator, EnvironmentInput, EnvironmentSettings, Lighting, SpherePosition,
 };
 use penumbra_picture::Picture;
-use penumbra_scene::{IndirectLightSolver, Material, casters, primitives};
+use penumbra_scene::{
+    GroundBrightness, IndirectLightSolver, Material, RealSurfaces, casters, primitives,
+};
 
 const SPHERE: DVec3 = DVec3::new(-0.1, 0.03, 0.05);
 const RADIUS: f64 = 0.05;
@@ -182,7 +184,11 @@ fn golden_a_red_box_tints_the_table() {
     let plain = stage.compose();
     let virtual_casters = casters(&stage.scene);
     let mut near = IndirectLightSolver::new(&stage.scene, &virtual_casters).unwrap();
-    near.settle(&light, &[], &[]);
+    let real = RealSurfaces {
+        phantoms: &[],
+        ground: &GroundBrightness::default(),
+    };
+    near.update(&light, real, &[]);
     stage.near = Some(near.light().clone());
     let tinted = stage.compose();
     // In front of the box's lit side: redder, and not darker.

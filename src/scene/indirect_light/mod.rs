@@ -52,7 +52,7 @@ use penumbra_lighting::compact_source_specular::CompleteMap;
 use real_surfaces::RealPoints;
 use receivers::Receivers;
 use region::Region;
-use shares::DistantLight;
+use shares::{DistantLight, GroundShares, SideShares};
 use sides::Sides;
 use surfels::Surfels;
 use volume::Volume;
@@ -143,11 +143,7 @@ impl IndirectLightSolver {
         self.lit_by = Some(lighting.generation);
         self.light.generation += 1;
         self.directions.set_light(lighting);
-        let floor = if self.has_ground {
-            lighting.ground_radiance
-        } else {
-            Vec3::ZERO
-        };
+        let floor = lighting.ground_radiance * f32::from(u8::from(self.has_ground));
         self.ground.look(floor, real.ground);
         self.ground.update(&self.directions, lamps, &self.obstacles);
         let light = DistantLight {
@@ -196,15 +192,7 @@ impl IndirectLightSolver {
             &mut self.light.on_virtual,
         );
         let nearby = &mut self.light.nearby;
-        if !nearby.surfels.is_empty() {
-            self.surfels.write(nearby);
-        }
-        let sides = |part: usize| {
-            std::array::from_fn(|side| self.sides.shares.radiance((6 * part + side) as u32, &light))
-        };
-        nearby.phantoms.clear();
-        nearby.phantoms.extend((0..real.phantoms.len()).map(sides));
-        nearby.ground.clone_from(&self.ground.shares.0);
+        write_nearby(&self.surfels, &self.sides.shares, shares, &light, nearby);
     }
 
     /// The indirect light of the last update.
@@ -212,6 +200,23 @@ impl IndirectLightSolver {
     pub const fn light(&self) -> &IndirectLight {
         &self.light
     }
+}
+
+fn write_nearby(
+    surfels: &Surfels,
+    sides: &SideShares,
+    ground: &GroundShares,
+    light: &DistantLight<'_>,
+    nearby: &mut NearbyRadiance,
+) {
+    if !nearby.surfels.is_empty() {
+        surfels.write(nearby);
+    }
+    let sides =
+        |part: usize| std::array::from_fn(|side| sides.radiance((6 * part + side) as u32, light));
+    nearby.phantoms.clear();
+    nearby.phantoms.extend((0..light.phantoms.len()).map(sides));
+    nearby.ground.clone_from(&ground.0);
 }
 
 #[cfg(test)]

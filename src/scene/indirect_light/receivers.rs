@@ -1,18 +1,17 @@
 //! Irradiance of indirect light on the virtual surfaces that stand still.
 //!
 //! In the directions of other surfaces, the other light of a virtual surface, the unshadowed dome
-//! minus the lights behind obstacles, has nothing (above the horizon) or the radiance L_g of the
-//! ground nearby (below it). With the radiance L of the surface that is visible in direction ω from
-//! a point with normal n, the missing irradiance is (Kajiya 1986; V, R: directions in which virtual
-//! objects and phantoms are visible)
+//! minus the lights behind obstacles, has nothing (above the horizon) or the mean radiance L_b from
+//! below. With the radiance L of the surface that is visible in direction ω from a point with normal n,
+//! virtual, phantom or ground in the shadow of virtual objects, the missing irradiance is (Kajiya 1986; S:
+//! directions in which surfaces are visible)
 //!
 //! ```text
-//! ΔE = ∫_V (L(ω) − L_g [ω below]) n·ω dω + ∫_R L(ω) n·ω dω ≈ π/N Σ_k …
+//! ΔE = ∫_S (L(ω) − L_b [ω below]) n·ω dω ≈ π/N Σ_k …
 //! ```
 //!
-//! for N directions ω_k with a density of n·ω/π. Phantoms replace nothing: L_g is what the picture
-//! shows around the point's foot, and that shows them where they hide the ground. Rays start at the surface, so it does not see itself
-//! and a convex object sees no virtual surface; L is the surfels' radiosity, which has all bounces.
+//! for N directions ω_k with a density of n·ω/π. Rays start at the surface, so it does not see itself and
+//! a convex object sees no virtual surface; L is the surfels' radiosity, which has all bounces.
 
 use super::obstacles::{FirstHit, Obstacles};
 use super::region::Region;

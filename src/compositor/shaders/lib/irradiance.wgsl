@@ -15,11 +15,11 @@ const WITHOUT_VIRTUAL = 2.0;
 const SURFACE_KINDS = 3.0;
 
 fn on_surfaces_facing(kind: f32, face: f32, at: vec3f) -> vec4f {
-    let faces = 6.0 * SURFACE_KINDS;
-    let size = vec3f(textureDimensions(on_surfaces)) * vec3f(1.0 / faces, 1.0, 1.0);
+    let share = vec3f(1.0 / 6.0, 1.0, 1.0 / SURFACE_KINDS);
+    let size = vec3f(textureDimensions(on_surfaces)) * share;
     // Half a cell from the walls, so that neighbouring grids do not mix.
     let inside = clamp(at, 0.5 / size, 1.0 - 0.5 / size);
-    let uvw = vec3f((inside.x + 6.0 * kind + face) / faces, inside.yz);
+    let uvw = (inside + vec3f(face, 0.0, kind)) * share;
     return textureSampleLevel(on_surfaces, table_sampler, uvw, 0.0);
 }
 
