@@ -9,9 +9,8 @@ use penumbra_camera::RollingShutter;
 use penumbra_interface::RigidTransform;
 use penumbra_lighting::DomeLight;
 use penumbra_lighting::place::MAX_NEAR_LIGHTS;
-use penumbra_scene::ShadowMode;
-use penumbra_scene::indirect_light::{GroundMap, SurfaceGrid};
-use std::sync::Arc;
+use penumbra_scene::indirect_light::{GroundMap, SurfaceIrradiance};
+use penumbra_scene::{IndirectLight, ShadowMode};
 
 /// The inputs of the uniform.
 pub struct UniformInputs<'a> {
@@ -49,21 +48,14 @@ pub fn frame_uniform(from: &UniformInputs<'_>) -> FrameUniform {
     let ground = input.lighting.map_or(Vec3::ZERO, |l| l.ground_radiance);
     let (ground_height, has_ground) = from.ground_height.map_or((0.0, 0.0), |h| (h as f32, 1.0));
     let [f, c] = [view.camera.focal, view.camera.centre];
-    let indirect = input
-        .indirect_light
-        .filter(|near| near.generation != 0 && visible);
-    let filled = |grid: &&Arc<SurfaceGrid>| !grid.cells.is_empty();
-    let on_virtual = indirect.map(|near| &near.on_virtual.grid).filter(filled);
-    let on_real = indirect
-        .map(|near| &near.change.surfaces.grid)
-        .filter(filled);
-    let low = |grid: &Arc<SurfaceGrid>| grid.low.extend(1.0).to_array();
-    let high = |grid: &Arc<SurfaceGrid>| grid.high.extend(0.0).to_array();
+    let is_shown = |near: &&IndirectLight| near.generation != 0 && visible;
+    let indirect = input.indirect_light.filter(is_shown);
+    let [on_virtual, on_real] = surface_grids(indirect);
     let on_ground = indirect.map_or_else(GroundMap::default, |near| near.on_ground);
     let [rotation_per_row, translation_per_row] = rolling_shutter(from);
+    let steps = from.highest_surroundings_level as f32;
     let [distortion, rows] = distortion(view);
     let [vignetting, vignetting_intrinsics] = vignetting(from);
-    let steps = from.highest_surroundings_level as f32;
     let (near_lights, near_count) = near_lights(from);
     FrameUniform {
         vignetting,
@@ -97,15 +89,29 @@ pub fn frame_uniform(from: &UniformInputs<'_>) -> FrameUniform {
         indirect_low: indirect.map_or([0.0; 4], |n| n.low.extend(1.0).to_array()),
         indirect_high: indirect.map_or([1.0; 4], |n| n.high.extend(0.0).to_array()),
         indirect_objects: on_ground.corners(),
-        on_virtual_low: on_virtual.map_or([0.0; 4], low),
-        on_virtual_high: on_virtual.map_or([1.0; 4], high),
-        on_real_low: on_real.map_or([0.0; 4], low),
-        on_real_high: on_real.map_or([1.0; 4], high),
+        on_virtual,
+        on_real,
         planes_low: [0.0; 4],
         planes_high: [0.0; 4],
         brightest: brightest(from),
         near_lights,
     }
+}
+
+/// Corners of the grids with the irradiance on virtual surfaces and on phantoms.
+fn surface_grids(indirect: Option<&IndirectLight>) -> [[[f32; 4]; 2]; 2] {
+    let grids = |light: &IndirectLight| [&light.on_virtual, &light.change.surfaces].map(corners);
+    indirect.map_or([NO_GRID; 2], grids)
+}
+
+const NO_GRID: [[f32; 4]; 2] = [[0.0; 4], [1.0; 4]];
+
+fn corners(light: &SurfaceIrradiance) -> [[f32; 4]; 2] {
+    let grid = &light.grid;
+    if grid.cells.is_empty() {
+        return NO_GRID;
+    }
+    [grid.low.extend(1.0), grid.high.extend(0.0)].map(|corner| corner.to_array())
 }
 
 /// The near lights where nothing blocks them, and their number.

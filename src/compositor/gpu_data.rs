@@ -27,10 +27,9 @@ pub struct FrameUniform {
     pub indirect_low: [f32; 4],
     pub indirect_high: [f32; 4],
     pub indirect_objects: [f32; 4],
-    pub on_virtual_low: [f32; 4],
-    pub on_virtual_high: [f32; 4],
-    pub on_real_low: [f32; 4],
-    pub on_real_high: [f32; 4],
+    /// Lower and upper corner.
+    pub on_virtual: [[f32; 4]; 2],
+    pub on_real: [[f32; 4]; 2],
     pub planes_low: [f32; 4],
     pub planes_high: [f32; 4],
     pub brightest: [f32; 4],
