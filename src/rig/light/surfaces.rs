@@ -174,19 +174,12 @@ fn cells_around(scene: &Scene) -> GroundBrightness {
         (low + high) / 2.0,
         ((high - low) * 1.5).truncate().max_element(),
     );
-    let is_flat = scene.ground_height.is_some();
+    let side = scene.ground_height.map_or(0, |_| GROUND_POINTS);
     GroundBrightness {
         low: centre.truncate() - half,
         edge: 2.0 * half,
-        side: GROUND_POINTS,
-        cells: vec![
-            None;
-            if is_flat {
-                GROUND_POINTS * GROUND_POINTS
-            } else {
-                0
-            }
-        ],
+        side,
+        cells: vec![None; side * side],
     }
 }
 

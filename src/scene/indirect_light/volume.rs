@@ -11,6 +11,7 @@ use glam::{UVec3, Vec3};
 /// Distance from a virtual surface, in distances of probes, below which a probe stands for its neighbours
 /// no longer: what it sees is not what surfaces beside it see.
 const BESIDE: f32 = 0.5;
+
 /// A regular grid of probes.
 pub(super) struct Volume {
     probes: Vec<Probe>,
