@@ -79,6 +79,23 @@ pub fn for_each<T: Send>(items: Vec<T>, job: impl Fn(T) + Sync) {
     });
 }
 
+/// What `find` returns for each of `items` and its number, in their order; on all processors, `chunk` items at
+/// a time.
+pub fn map<A: Sync, B: Send>(
+    items: &[A],
+    chunk: usize,
+    find: impl Fn(usize, &A) -> B + Sync,
+) -> Vec<B> {
+    let mut found: Vec<Option<B>> = items.iter().map(|_| None).collect();
+    let chunks = items.chunks(chunk).zip(found.chunks_mut(chunk));
+    for_each(chunks.enumerate().collect(), |(number, (items, found))| {
+        for (i, (item, found)) in items.iter().zip(found).enumerate() {
+            *found = Some(find(number * chunk + i, item));
+        }
+    });
+    found.into_iter().flatten().collect()
+}
+
 #[cfg(test)]
 mod tests {
     use std::sync::atomic::{AtomicUsize, Ordering};
@@ -94,6 +111,16 @@ mod tests {
             });
             assert_eq!(done, vec![1; count]);
             assert_eq!(calls.into_inner(), count);
+        }
+    }
+
+    #[test]
+    fn mapped_items_keep_their_order_and_number() {
+        for count in [0, 1, 7, 100] {
+            let items: Vec<usize> = (0..count).map(|i| 10 * i).collect();
+            let found = super::map(&items, 8, |number, item| (number, *item));
+            let expected: Vec<_> = (0..count).map(|i| (i, 10 * i)).collect();
+            assert_eq!(found, expected);
         }
     }
 }

@@ -77,15 +77,9 @@ impl GroundGrid {
             })
         };
         let points: Vec<Vec3> = places(side).collect();
-        let mut texels: Vec<Option<Texel>> = points.iter().map(|_| None).collect();
-        let rows = points.chunks(CHUNK).zip(texels.chunks_mut(CHUNK));
-        threads::for_each(rows.enumerate().collect(), |(row, (points, texels))| {
-            for (i, (point, found)) in points.iter().zip(texels).enumerate() {
-                let index = (row * CHUNK + i) as u32;
-                *found = Some(texel(*point, index, obstacles, surfels, directions, region));
-            }
+        let texels = threads::map(&points, CHUNK, |i, point| {
+            texel(*point, i as u32, obstacles, surfels, directions, region)
         });
-        let texels: Vec<Texel> = texels.into_iter().flatten().collect();
         let inside = texels.iter().map(|texel| texel.is_inside).collect();
         let whole = if side > 0 { GROUND_SIDE } else { 0 };
         let compact = points.iter().map(|point| (*point, Vec3::Z));

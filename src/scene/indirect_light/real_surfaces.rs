@@ -70,17 +70,12 @@ impl RealPoints {
             (COUNT, GATHERED)
         };
         let (places, area) = places(phantoms, region, wanted);
-        let mut points: Vec<Option<RealPoint>> = places.iter().map(|_| None).collect();
-        let chunks = places.chunks(CHUNK).zip(points.chunks_mut(CHUNK));
-        threads::for_each(chunks.enumerate().collect(), |(chunk, (places, points))| {
-            for (i, (place, point)) in places.iter().zip(points).enumerate() {
-                let index = chunk * CHUNK + i;
-                *point = Some(look(*place, (index, rays), surfels, obstacles, region));
-            }
+        let points = threads::map(&places, CHUNK, |i, place| {
+            look(*place, (i, rays), surfels, obstacles, region)
         });
         let (grid, splats) = SurfaceGrid::around(&places, area);
         Self {
-            points: points.into_iter().flatten().collect(),
+            points,
             grid: Arc::new(grid),
             splats,
         }

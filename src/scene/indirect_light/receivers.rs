@@ -60,12 +60,8 @@ impl Receivers {
     ) -> Self {
         let triangles: Vec<[Vec3; 3]> = parts.flat_map(world_triangles).collect();
         let (places, area) = distribute(&triangles, COUNT);
-        let mut seen: Vec<Option<Receiver>> = places.iter().map(|_| None).collect();
-        let chunks = places.chunks(CHUNK).zip(seen.chunks_mut(CHUNK));
-        threads::for_each(chunks.enumerate().collect(), |(chunk, (places, seen))| {
-            for (i, (place, seen)) in places.iter().zip(seen).enumerate() {
-                *seen = look(*place, chunk * CHUNK + i, surfels, obstacles, region);
-            }
+        let seen = threads::map(&places, CHUNK, |i, place| {
+            look(*place, i, surfels, obstacles, region)
         });
         let outside = places.into_iter().zip(seen);
         let (places, points): (Vec<_>, Vec<_>) = outside

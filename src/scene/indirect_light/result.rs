@@ -100,16 +100,30 @@ impl GroundBrightness {
         self.known_at(place).unwrap_or(Vec3::ONE)
     }
 
-    /// Brightness at a place, if it is known.
+    /// Brightness at a place, if its cell is known: interpolated between the middles of the known cells
+    /// around it.
     #[must_use]
     pub fn known_at(&self, place: Vec2) -> Option<Vec3> {
-        let cell = (place - self.low) * (self.side as f32 / self.edge);
-        let is_within = cell.cmpge(Vec2::ZERO).all() && cell.max_element() < self.side as f32;
-        let found = is_within.then(|| {
-            self.cells
-                .get(cell.y as usize * self.side + cell.x as usize)
-        });
-        found.flatten().copied().flatten()
+        let at = (place - self.low) * (self.side as f32 / self.edge);
+        if !(at.cmpge(Vec2::ZERO).all() && at.max_element() < self.side as f32) {
+            return None;
+        }
+        let cell = |at: Vec2| {
+            let index = at.y as usize * self.side + at.x as usize;
+            self.cells.get(index).copied().flatten()
+        };
+        let own = cell(at)?;
+        let last = Vec2::splat(self.side as f32 - 1.0);
+        let at = (at - 0.5).clamp(Vec2::ZERO, last);
+        let (mut sum, mut known) = (own * f32::EPSILON, f32::EPSILON);
+        for corner in [Vec2::ZERO, Vec2::X, Vec2::Y, Vec2::ONE] {
+            let weights = Vec2::ONE - (corner - at.fract()).abs();
+            if let Some(brightness) = cell((at.floor() + corner).min(last)) {
+                sum += brightness * weights.element_product();
+                known += weights.element_product();
+            }
+        }
+        Some(sum / known)
     }
 }
 

@@ -95,11 +95,11 @@ impl Surfels {
             spacing,
         };
         let index = SurfelIndex::new(places(&all), spacing);
-        let is_inside = looked(&all, |s| look.is_inside(s, &all, &index));
+        let is_inside = threads::map(&all, CHUNK, |_, s| look.is_inside(s, &all, &index));
         let mut outside = is_inside.iter().map(|inside| !inside);
         all.retain(|_| outside.next().unwrap_or(true));
         let index = SurfelIndex::new(places(&all), spacing);
-        let visible = looked(&all, |s| look.find_visible(s, &index));
+        let visible = threads::map(&all, CHUNK, |_, s| look.find_visible(s, &index));
         for (surfel, visible) in all.iter_mut().zip(visible) {
             surfel.sky = visible.sky;
             (surfel.ground, surfel.others, surfel.phantoms) =
@@ -276,21 +276,6 @@ fn surfel(t: &[Vec3; 3], index: usize, surface: Surface) -> Surfel {
 
 fn places(surfels: &[Surfel]) -> Vec<(Vec3, Vec3)> {
     surfels.iter().map(|s| (s.position, s.normal)).collect()
-}
-
-/// What `look` finds from each surfel, on all processors.
-fn looked<T: Send + Default + Clone>(
-    surfels: &[Surfel],
-    look: impl Fn(&Surfel) -> T + Sync,
-) -> Vec<T> {
-    let mut found = vec![T::default(); surfels.len()];
-    let chunks = surfels.chunks(CHUNK).zip(found.chunks_mut(CHUNK));
-    threads::for_each(chunks.collect(), |(surfels, found)| {
-        for (surfel, found) in surfels.iter().zip(found) {
-            *found = look(surfel);
-        }
-    });
-    found
 }
 
 /// Whether `hit` is on the front of the surface that a surfel stands for. Of a back, the surfel nearest to
