@@ -6,7 +6,7 @@ use super::texels::{HalfTexels, write_level};
 use crate::compiled::Device;
 use half::f16;
 use penumbra_lighting::box_chain::box_level;
-use penumbra_lighting::lobes::{Family, Levels};
+use penumbra_lighting::lobes::{Family, Levels, LongLobe, own_width, widths};
 use penumbra_lighting::{CubeMap, Filtering};
 use std::sync::{Arc, LazyLock, Mutex, PoisonError};
 
@@ -15,10 +15,14 @@ const COLUMNS: u32 = 32;
 /// Rows of a family of lobes: its parameter. Twin of `GLOSS_ROWS` in `lib/gloss.wgsl`.
 const ROWS: u32 = 64;
 const FAMILIES: [Family; 2] = [Family::Ggx, Family::Phong];
+/// Blocks of the table: one per family, and one for GGX's long lobes. Twin of `GLOSS_BLOCKS` in
+/// `lib/gloss.wgsl`.
+const BLOCKS: u32 = 3;
 
 /// The radiance that glossy surfaces reflect.
 pub struct GlossMaps {
-    /// Scale, bias, tilt and level by n·v and parameter: GGX above Phong.
+    /// Scale, bias, tilt and level by n·v and parameter: GGX, below it Phong; then level, share
+    /// and step of GGX's long lobes.
     pub table: wgpu::TextureView,
     pub ggx: Cube,
     pub phong: Cube,
@@ -71,7 +75,7 @@ impl GlossMaps {
             label: Some("gloss table"),
             size: wgpu::Extent3d {
                 width: COLUMNS,
-                height: ROWS * FAMILIES.len() as u32,
+                height: ROWS * BLOCKS,
                 depth_or_array_layers: 1,
             },
             mip_level_count: 1,
@@ -142,14 +146,13 @@ impl GlossMaps {
 
     fn write_table(&self, queue: &wgpu::Queue, wanted: Tabled) {
         let texels = table(wanted);
-        let rows = ROWS * FAMILIES.len() as u32;
         queue.write_texture(
             self.table_texture.as_image_copy(),
             bytemuck::cast_slice(&texels),
             wgpu::TexelCopyBufferLayout {
                 offset: 0,
                 bytes_per_row: Some(8 * COLUMNS),
-                rows_per_image: Some(rows),
+                rows_per_image: Some(ROWS * BLOCKS),
             },
             self.table_texture.size(),
         );
@@ -177,7 +180,7 @@ fn table(wanted: Tabled) -> Table {
 }
 
 fn computed_table((filtering, size, levels): Tabled) -> Vec<[f16; 4]> {
-    let mut texels = Vec::with_capacity((COLUMNS * ROWS) as usize * FAMILIES.len());
+    let mut texels = Vec::with_capacity((COLUMNS * ROWS * BLOCKS) as usize);
     for (family, responses) in FAMILIES.iter().zip(RESPONSES.iter()) {
         let ladder = Levels::new(*family, size, levels);
         for (i, response) in responses.iter().enumerate() {
@@ -196,7 +199,21 @@ fn computed_table((filtering, size, levels): Tabled) -> Vec<[f16; 4]> {
             texels.push(entry.map(f16::from_f32));
         }
     }
+    let ladder = Levels::new(Family::Ggx, size, levels);
+    let narrowest = widths(size, levels).next();
+    texels.extend((0..COLUMNS * ROWS).map(|i| {
+        let alpha = own_width(Family::Ggx, parameter(i / COLUMNS));
+        // Supan 2006 has round lobes.
+        let narrowest = narrowest.filter(|_| filtering == Filtering::Prefiltered);
+        let long = LongLobe::of(n_dot_v(i), alpha, narrowest.unwrap_or(1.0));
+        [ladder.level(long.width), long.share, long.step, 0.0].map(f16::from_f32)
+    }));
     texels
+}
+
+/// n·v at the middle of a texel's column.
+fn n_dot_v(texel: u32) -> f32 {
+    ((texel % COLUMNS) as f32 + 0.5) / COLUMNS as f32
 }
 
 /// The parameter at the middle of a row.
@@ -210,8 +227,7 @@ static RESPONSES: LazyLock<[Vec<[f32; 4]>; 2]> = LazyLock::new(|| {
     FAMILIES.map(|family| {
         (0..COLUMNS * ROWS)
             .map(|i| {
-                let n_dot_v = (i % COLUMNS) as f32 + 0.5;
-                let r = family.response(n_dot_v / COLUMNS as f32, parameter(i / COLUMNS));
+                let r = family.response(n_dot_v(i), parameter(i / COLUMNS));
                 [r.scale, r.bias, r.tilt, r.width]
             })
             .collect()

@@ -24,8 +24,12 @@ use glam::Vec3;
 use penumbra_numerics::smoothstep;
 use std::f32::consts::PI;
 
-/// Ratio of a source's radius to the lobe's width at which it is left out entirely, and not at all.
+/// Ratio of a source's radius to a level's width at which it is left out entirely, and not at all.
 const SMALL: (f32, f32) = (1.0, 2.5);
+/// The same for lamps, which are round: a long lobe looks them up in narrower levels than its own width.
+const SMALL_LAMP: (f32, f32) = (2.0, 5.0);
+/// Radius up to which a source is such a lamp, and from which on it is not, radians: windows are larger.
+const LAMP: (f32, f32) = (0.1, 0.2);
 /// Share of all light at which a source is ignored, and fully counted.
 const SHARE: (f32, f32) = (0.005, 0.02);
 
@@ -106,7 +110,9 @@ fn describe(
     let near = smoothstep(0.0, NEAR, place.inverse_distance);
     let mut weights = [counts * near; MAX_LEVELS];
     for (weight, w) in weights[1..].iter_mut().zip(widths) {
-        let small = 1.0 - smoothstep(SMALL.0, SMALL.1, radius / w);
+        let small = |(all, none)| 1.0 - smoothstep(all, none, radius / w);
+        let lamp = 1.0 - smoothstep(LAMP.0, LAMP.1, radius);
+        let small = small(SMALL).max(lamp * small(SMALL_LAMP));
         *weight = counts * small.max(near);
     }
     let source = CompactSourceSpecular {

@@ -24,6 +24,11 @@
 //! ∫ l_y² k(l) dl. Small sources, whose reflection shows the lobe's shape, are treated separately
 //! ([`super::compact_source_specular`]).
 //!
+//! Wide lobes are well represented by that. Narrow GGX lobes are long: the slopes of half vectors are
+//! distributed alike in all directions, so the lobe is n·v times as wide across the plane of incidence
+//! as along it, which shows at the outlines of bright windows. A row of round lobes represents them
+//! ([`LongLobe`]).
+//!
 //! | family | BRDF | round lobe of width w |
 //! |---|---|---|
 //! | [`Family::Ggx`] | D·F·G / (4 n·l n·v), GGX with height-correlated Smith masking (Heitz 2014), w = α = roughness² | that BRDF at v = n: D(h)·G₁(l), cosθ > 0 |
@@ -285,7 +290,7 @@ fn phong_sums(n_dot_v: f64, exponent: f64) -> Sums {
 }
 
 /// Returns the widths for which a map of `size` texels along a side is prefiltered, levels 1 to
-/// `levels` − 1: in equal ratios up to 1, the narrowest slightly more than a texel wide.
+/// `levels` − 1: in equal ratios up to 1, the narrowest about as wide as a texel of level 1.
 pub fn widths(size: u32, levels: usize) -> impl ExactSizeIterator<Item = f32> {
     let lobes = levels.saturating_sub(1);
     let narrowest = (NARROWEST_TEXELS / size as f32).min(0.5);
@@ -293,17 +298,20 @@ pub fn widths(size: u32, levels: usize) -> impl ExactSizeIterator<Item = f32> {
     (0..lobes).map(move |k| narrowest.powf(step(k + 1)))
 }
 
-/// Width of the narrowest lobe times the texels of a side, radians: 0.03 for 128.
-const NARROWEST_TEXELS: f32 = 3.84;
+/// Width of the narrowest lobe times the texels of a side, radians: 0.02 for 128.
+const NARROWEST_TEXELS: f32 = 2.56;
 
 /// The level of a prefiltered map, with a fraction, that represents a lobe.
 ///
-/// Between two levels, of widths a < w < b, the mixture (1 − t) k_a + t k_b that is nearest
-/// to k_w (least squares over the sphere):
+/// Between two levels, of widths a < w < b, the mixture (1 − t) k_a + t k_b whose shares K(θ) of light
+/// within an angle θ of the axis are nearest to those of k_w (least squares over ln θ):
 ///
 /// ```text
-///   t = ∫ (k_w − k_a)(k_b − k_a) / ∫ (k_b − k_a)²
+///   t = ∫ (K_w − K_a)(K_b − K_a) d ln θ / ∫ (K_b − K_a)² d ln θ
 /// ```
+///
+/// The least squares of the lobes themselves would fit their peaks and give a bright window too wide
+/// a halo.
 #[derive(Clone, Debug)]
 pub struct Levels {
     family: Family,
@@ -340,11 +348,17 @@ impl Levels {
 
     fn mixture(&self, a: f32, b: f32, w: f32) -> f32 {
         let lobes = [a, b, w].map(|x| (f64::from(x), 1.0 / self.family.moments(x).0));
+        let mut inside = [0.0; 3];
         let (mut up, mut down) = (0.0, 0.0);
         radial(f64::from(a), |versine, weight| {
-            let [ka, kb, kw] = lobes.map(|(x, norm)| self.family.at(x, versine) * norm);
-            up += (kw - ka) * (kb - ka) * weight;
-            down += (kb - ka) * (kb - ka) * weight;
+            for (sum, (x, norm)) in inside.iter_mut().zip(lobes) {
+                *sum += self.family.at(x, versine) * norm * weight * TAU;
+            }
+            let [ka, kb, kw] = inside;
+            // sinθ dθ / (1 − cosθ) is 2 d ln θ where θ is small.
+            let step = weight / versine.max(1e-12);
+            up += (kw - ka) * (kb - ka) * step;
+            down += (kb - ka) * (kb - ka) * step;
         });
         (up / down.max(1e-30)).clamp(0.0, 1.0) as f32
     }
@@ -362,6 +376,91 @@ pub fn own_width(family: Family, parameter: f32) -> f32 {
     match family {
         Family::Ggx => parameter.max(MIN_ROUGHNESS).powi(2),
         Family::Phong => 1.0 / (phong_exponent(parameter) + 1.0).sqrt(),
+    }
+}
+
+/// The parts of a long GGX lobe beside its middle, on both sides: slope of the half vector along the
+/// plane of incidence, as a multiple of [`LongLobe::step`]; share where n·v is 0, which falls linearly to
+/// 0 at n·v = 1, and which GGX's masking modifies; levels of the map above that of the middle, 0.7 for
+/// lobes twice as wide. Twins in `composite.wgsl`.
+///
+/// Slopes and shares are least squares: of the error, relative to at least 3 %, of the share of light that
+/// a lobe receives from beyond a straight edge, for edges in seven directions at 0.03 to 12 widths
+/// from the middle, and n·v from 0.13 to 0.9; plus a tenth of the relative square of the lobe's own
+/// error, without which the row would have gaps and a lamp would be mirrored several times.
+pub const PARTS: [(f32, f32, f32); 3] = [
+    (0.411, 0.229, 0.0),
+    (0.931, 0.161, 0.0),
+    (2.693, 0.0805, 0.7),
+];
+/// Width of a part at n·v = 0, as a share of α: by `tests/materials` the best there, where the row of
+/// narrower ones would show gaps.
+pub const LEAST_ACROSS: f32 = 0.15;
+
+/// A narrow GGX lobe as a row of round lobes along the plane of incidence ([`PARTS`]).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LongLobe {
+    /// Width of each part.
+    pub width: f32,
+    /// Slope of half vectors that counts as 1 in [`PARTS`]: α, or less if the parts are wider than the lobe is
+    /// across.
+    pub step: f32,
+    /// How far this lobe is to be used, and the round one of [`Family::response`] for the rest: 0 for
+    /// wide lobes, whose shape differs, where n·v is nearly 1 and the lobe round, and for lobes that
+    /// are narrower than any part may be.
+    pub share: f32,
+}
+
+impl LongLobe {
+    /// The lobe of width `alpha` at n·v, for a map whose narrowest lobes have the width `narrowest`. Parts
+    /// are at least half as wide: narrower ones would show the texels of the unfiltered map.
+    #[must_use]
+    pub fn of(n_dot_v: f32, alpha: f32, narrowest: f32) -> Self {
+        /// Widths of lobes between which round ones take over, and n·v.
+        const WIDE: (f32, f32) = (0.3, 0.45);
+        const ROUND: (f32, f32) = (0.94, 0.98);
+        let falls =
+            |x: f32, (from, to): (f32, f32)| 1.0 - ((x - from) / (to - from)).clamp(0.0, 1.0);
+        let narrowest = 0.5 * narrowest;
+        let across = LEAST_ACROSS.hypot(n_dot_v * (1.0 - LEAST_ACROSS.powi(2)).sqrt());
+        let width = (alpha * across).max(narrowest);
+        // What the parts lack along the plane.
+        let spread = (1.0 - (width / alpha).powi(2)).max(0.0);
+        let whole = (1.0 - across * across).max(1e-6);
+        Self {
+            width,
+            step: alpha * (spread / whole).sqrt(),
+            share: falls(alpha, WIDE) * falls(n_dot_v, ROUND) * f32::from(alpha > narrowest),
+        }
+    }
+
+    /// Directions of the parts, their shares, 1 in all, and their levels above that of [`Self::width`],
+    /// of a surface with the roughness `alpha` and the normal `n` towards a viewer in direction `v`,
+    /// both unit vectors. Twin of `radiance_in_row` in `composite.wgsl`.
+    #[must_use]
+    pub fn parts(self, alpha: f32, n: Vec3, v: Vec3) -> [(Vec3, f32, f32); 2 * PARTS.len() + 1] {
+        let n_dot_v = n.dot(v).max(0.02);
+        let flat = v - n * n_dot_v;
+        let along = flat * (self.step / flat.length().max(1e-4));
+        let a2 = alpha * alpha;
+        let root = |x: f32| (x * x * (1.0 - a2) + a2).sqrt();
+        let beside = 1.0 - n_dot_v;
+        let middle = 1.0 - 2.0 * beside * PARTS.iter().map(|part| part.1).sum::<f32>();
+        let part = |k: usize| {
+            let (slope, share, up) = match PARTS.get(k / 2) {
+                Some((slope, share, up)) if k % 2 == 0 => (*slope, share * beside, *up),
+                Some((slope, share, up)) => (-slope, share * beside, *up),
+                None => (0.0, middle, 0.0),
+            };
+            let h = (n + along * slope).normalize();
+            let l = h * (2.0 * v.dot(h)) - v;
+            let n_dot_l = n.dot(l).max(0.0);
+            let masked = n_dot_l / (n_dot_l * root(n_dot_v) + n_dot_v * root(n_dot_l));
+            (l, share * masked * v.dot(h).max(1e-3) / n.dot(h), up)
+        };
+        let parts = std::array::from_fn(part);
+        let all: f32 = parts.iter().map(|p: &(Vec3, f32, f32)| p.1).sum();
+        parts.map(|(l, share, up)| (l, share / all.max(1e-9), up))
     }
 }
 

@@ -5,7 +5,9 @@ use penumbra_lighting::CubeMap;
 use penumbra_lighting::box_chain::box_level;
 use penumbra_lighting::compact_source_specular::reflected;
 use penumbra_lighting::cube::{CubeGrid, face_direction};
-use penumbra_lighting::lobes::{Family, Levels, own_width, phong_exponent, tilted};
+use penumbra_lighting::lobes::{
+    Family, Levels, LongLobe, own_width, phong_exponent, tilted, widths,
+};
 use penumbra_lighting::prefilter::gathered;
 
 /// The normal of a surface and the direction to the viewer.
@@ -111,12 +113,36 @@ impl Integrator {
     }
 }
 
-/// The same from a prefiltered map, as the program computes it.
-pub fn prefiltered(map: &CubeMap, levels: &Levels, family: Family, p: f32, view: &View) -> Vec3 {
+/// The same from a prefiltered map, as the program computes it; with round lobes alone unless `long`.
+pub fn prefiltered(
+    map: &CubeMap,
+    levels: &Levels,
+    (family, p): (Family, f32),
+    view: &View,
+    long: bool,
+) -> Vec3 {
     let response = family.response(view.n_dot_v(), p);
     let d = tilted(view.mirror(), view.n, response.tilt);
-    let level = levels.level(response.width);
-    let light = gathered(map, family, level, d);
+    let mut level = levels.level(response.width);
+    let mut light = gathered(map, family, level, d);
+    if family == Family::Ggx && long {
+        let alpha = own_width(family, p);
+        let lobe = LongLobe::of(
+            view.n_dot_v(),
+            alpha,
+            widths(map.size, map.levels.len()).next().unwrap_or(1.0),
+        );
+        let level_of_parts = levels.level(lobe.width);
+        let parts = lobe.parts(alpha, view.n, view.v);
+        let highest = map.levels.len() as f32 - 1.0;
+        let part = |(l, share, up): (Vec3, f32, f32)| {
+            let level = (level_of_parts + up).min(highest);
+            gathered(map, family, level, l) * share
+        };
+        let row: Vec3 = parts.into_iter().map(part).sum();
+        light = light.lerp(row, lobe.share);
+        level += (level_of_parts - level) * lobe.share;
+    }
     let lobe = (family, p, level);
     let [scaled, added] = reflected(&map.compact_sources, lobe, view.n, view.v);
     light * (response.scale + response.bias) + scaled + added

@@ -15,6 +15,7 @@ use penumbra_lighting::lobes::{Family, Levels, phong_parameter, widths};
 use penumbra_lighting::prefilter::{Prefilter, level_count};
 use penumbra_lighting::sources::{Layout, SampleGrid, SourceFinder, SourceSettings};
 use penumbra_lighting::{CubeMap, LightPlace};
+use std::f32::consts::TAU;
 use std::sync::LazyLock;
 
 const SIZE: u32 = 128;
@@ -95,7 +96,7 @@ fn errors(maps: &[Vec<Vec3>]) -> Vec<Vec<Errors>> {
         for view in &views {
             let truths = INTEGRATOR.integrals(family, p, view, maps);
             for (i, truth) in truths.iter().enumerate() {
-                let ours = prefiltered(&chains[i], &levels, family, p, view);
+                let ours = prefiltered(&chains[i], &levels, (family, p), view, true);
                 let theirs = boxed(&boxes[i], family, p, view);
                 for c in 0..3 {
                     sums[i][0] += (f64::from(ours[c]) - truth[c]).powi(2);
@@ -169,13 +170,69 @@ fn small_source_is_closer_than_from_the_papers_chain() {
     let all = errors(&[rendered(SIZE, maps::spot)]);
     print("spot", &all[0]);
     for e in &all[0] {
-        let limit = if e.lobe.0 == Family::Phong {
-            0.06
-        } else {
-            0.14
-        };
+        let limit = if e.lobe.0 == Family::Phong { 0.11 } else { 0.1 };
         assert!(e.prefiltered < limit, "{:?}: {}", e.lobe, e.prefiltered);
         assert!(e.prefiltered < e.boxed, "{:?}", e.lobe);
+    }
+}
+
+/// Surfaces that mirror the outline of the large window or its surroundings, at all slants.
+fn views_of_outline(n_dot_v: f32) -> impl Iterator<Item = View> {
+    let at = move |(k, far): (u16, f32)| {
+        let angle = f32::from(k) / 24.0 * TAU;
+        let on_edge = |x: f32| far * (1.4 * x).clamp(-1.0, 1.0);
+        let [y, z] = [angle.cos(), angle.sin()].map(on_edge);
+        let towards =
+            Vec3::new(1.0, y * maps::WINDOW.0, maps::WINDOW.1 + z * maps::WINDOW.2).normalize();
+        let (a, b) = towards.any_orthonormal_pair();
+        let (sin, cos) = (1.7 * f32::from(k)).sin_cos();
+        let n = towards * n_dot_v + (a * cos + b * sin) * (1.0 - n_dot_v * n_dot_v).sqrt();
+        let v = n * (2.0 * n.dot(towards)) - towards;
+        View {
+            n: n.normalize(),
+            v: v.normalize(),
+        }
+    };
+    let all = (0..24).flat_map(|k| [0.9, 1.0, 1.1, 1.25, 1.4].map(|far| (k, far)));
+    all.map(at)
+}
+
+/// A bright window in a dark room shows the shape of the lobe: round ones are not enough.
+#[test]
+fn outline_of_a_window_shows_the_lobe() {
+    let map = rendered(SIZE, maps::window);
+    let filtered = chain(&map);
+    let levels = Levels::new(Family::Ggx, SIZE, level_count(SIZE));
+    for (roughness, limit) in [(0.15, 0.1), (0.22, 0.12), (0.35, 0.14), (0.5, 0.2)] {
+        let (mut round, mut long, mut size) = (0.0, 0.0, 0.0);
+        for n_dot_v in [0.97, 0.8, 0.6, 0.4, 0.25, 0.15] {
+            let [mut of_round, mut of_long, mut of_truth] = [0.0; 3];
+            for view in views_of_outline(n_dot_v) {
+                let truth =
+                    INTEGRATOR.integrals(Family::Ggx, roughness, &view, std::slice::from_ref(&map))
+                        [0][1];
+                let error = |long| {
+                    let lobe = (Family::Ggx, roughness);
+                    let ours = prefiltered(&filtered, &levels, lobe, &view, long);
+                    (f64::from(ours.y) - truth).powi(2)
+                };
+                of_round += error(false);
+                of_long += error(true);
+                of_truth += truth * truth;
+            }
+            let [r, l] = [of_round, of_long].map(|sum| (sum / of_truth).sqrt());
+            eprintln!(
+                "      window {roughness:>4} n·v {n_dot_v:>4}: {:5.1} % round {:5.1} %",
+                100.0 * l,
+                100.0 * r
+            );
+            assert!(l < limit, "{roughness} {n_dot_v}: {l}");
+            round += of_round;
+            long += of_long;
+            size += of_truth;
+        }
+        let [round, long] = [round, long].map(|sum| (sum / size).sqrt());
+        assert!(long < 0.6 * round, "{roughness}: {long} {round}");
     }
 }
 
@@ -184,7 +241,7 @@ fn photographed_maps_are_closer_than_from_the_papers_chain() {
     let Some(maps) = real(SIZE) else { return };
     let (names, texels): (Vec<_>, Vec<_>) = maps.into_iter().unzip();
     // The sun outdoors is a hundred thousand times as bright as the sky.
-    let limit = [[0.12, 0.06], [0.03, 0.02]];
+    let limit = [[0.08, 0.06], [0.03, 0.02]];
     for ((name, list), limit) in names.iter().zip(errors(&texels)).zip(limit) {
         print(name, &list);
         for (family, limit) in [Family::Ggx, Family::Phong].into_iter().zip(limit) {

@@ -80,6 +80,62 @@ fn far_radiance(d: vec3f, level: f32, gloss: Gloss) -> vec3f {
     return textureSampleLevel(radiance, smooth_sampler, d, level).rgb;
 }
 
+// Parts of a long lobe beside its middle: slope of the half vector as a multiple of the table's step,
+// share where n.v is 0, and mip levels above the middle's. Twins of `lobes::PARTS`.
+const NEXT = vec3f(0.411, 0.229, 0.0);
+const SECOND = vec3f(0.931, 0.161, 0.0);
+const LAST = vec3f(2.693, 0.0805, 0.7);
+
+// What a surface's lobe receives from the environment, and the mip level of its map.
+struct FarLobe {
+    radiance: vec3f,
+    level: f32,
+}
+
+// GGX's lobe is n.v times as wide across the plane of incidence as along it: round lobes of that width
+// lie in a row. Twin of `LongLobe::parts`.
+fn radiance_in_row(n: vec3f, v: vec3f, level: f32, step: f32, gloss: Gloss) -> vec3f {
+    let n_dot_v = max(dot(n, v), 0.02);
+    let flat = v - n * n_dot_v;
+    let along = flat * (step / max(length(flat), 1e-4));
+    let a2 = gloss.width * gloss.width;
+    let beside = max(1.0 - n_dot_v, 0.0);
+    let middle = vec3f(0.0, 1.0 - 2.0 * beside * (NEXT.y + SECOND.y + LAST.y), 0.0);
+    var sum = vec4f(0.0);
+    var k = 0;
+    loop {
+        let inner = select(NEXT, SECOND, k >= 2);
+        let sided = select(inner, LAST, k >= 4) * vec3f(select(1.0, -1.0, (k & 1) != 0), beside, 1.0);
+        let part = select(sided, middle, k == 6);
+        let h = normalize(n + along * part.x);
+        let l = reflect(-v, h);
+        let n_dot_l = max(dot(n, l), 0.0);
+        let weight = part.y * masked(a2, n_dot_l, n_dot_v) * n_dot_l * max(dot(v, h), 1e-3) / dot(n, h);
+        sum += vec4f(textureSampleLevel(radiance, smooth_sampler, l, level + part.z).rgb, 1.0) * weight;
+        k++;
+        continuing {
+            break if k == 7;
+        }
+    }
+    return sum.rgb / max(sum.a, 1e-9);
+}
+
+// Prefiltered radiance of the environment in a surface's lobe. `d` and `level` are those of the round
+// lobe that is most like it.
+fn far_lobe(n: vec3f, v: vec3f, d: vec3f, level: f32, gloss: Gloss) -> FarLobe {
+    let at = vec2f(clamp(dot(n, v), 0.02, 1.0), long_row(gloss));
+    let row = textureSampleLevel(gloss_table, smooth_sampler, at, 0.0).xyz;
+    let long = select(row, vec3f(0.0), gloss.phong);
+    var lobe = FarLobe(vec3f(0.0), mix(level, long.x, long.y));
+    if long.y < 1.0 {
+        lobe.radiance = far_radiance(d, level, gloss) * (1.0 - long.y);
+    }
+    if long.y > 0.0 {
+        lobe.radiance += radiance_in_row(n, v, long.x, long.z, gloss) * long.y;
+    }
+    return lobe;
+}
+
 // Width of lobes from which on wider ones meet the ground like this one.
 const WIDEST = 0.1;
 // Width of the texels, as a share of the distance times the lobe's width, whose interpolation blurs
@@ -120,15 +176,14 @@ fn ground_share(world: vec3f) -> f32 {
     return textureSampleLevel(indirect_ground, table_sampler, uv, 0.0).a;
 }
 
-// Prefiltered radiance in the lobe about `d`: from the ground as the picture shows it, and from the
-// environment.
-fn reflected(world: vec3f, d: vec3f, level: f32, gloss: Gloss) -> vec3f {
-    let far = far_radiance(d, level, gloss);
+// Prefiltered radiance in the lobe about `d`: `far` from the environment, and from the ground as the
+// picture shows it.
+fn reflected(world: vec3f, d: vec3f, far: FarLobe, gloss: Gloss) -> vec3f {
     let width = 2.0 * clamp(gloss.width, 0.01, WIDEST);
     let share = share_below(-d.z / width);
     let below = frame.params.z * clamp((share - NEGLECTED) / (1.0 - 2.0 * NEGLECTED), 0.0, 1.0);
     if below == 0.0 {
-        return far;
+        return far.radiance;
     }
     // Directions at the middle of equal parts of what is below.
     let is_bright = max(max(gloss.f0.x, gloss.f0.y), gloss.f0.z) > METAL;
@@ -150,13 +205,13 @@ fn reflected(world: vec3f, d: vec3f, level: f32, gloss: Gloss) -> vec3f {
     }
     // What the picture does not show there the environment does.
     let low = normalize(vec3f(d.xy, min(height, -LEAST_SLOPE)));
-    var replaced = far;
+    var replaced = far.radiance;
     if low.z < d.z {
-        replaced = far_radiance(low, level, gloss);
+        replaced = far_radiance(low, far.level, gloss);
     }
     let foot = world + low * ((world.z - frame.params.y) / -low.z);
     let ground = seen.rgb + replaced * ground_share(foot) * (1.0 - seen.a);
-    return max(far + below * (ground - replaced), vec3f(0.0));
+    return max(far.radiance + below * (ground - replaced), vec3f(0.0));
 }
 
 // The same as SPREAD for what stands close by: half as much, because the places of a lobe's rays are
@@ -221,7 +276,8 @@ fn shade(pixel: vec2i, s: i32, own: bool) -> vec3f {
     let irradiance = max(direct, vec3f(0.0)) * occlusion_of(shape, properties);
     let table = textureSampleLevel(gloss_table, smooth_sampler, vec2f(n_dot_v, gloss_row(gloss)), 0.0);
     let d = tilted(reflect(-v, n), n, table.z);
-    var mirrored = reflected(world, d, table.w, gloss);
+    let far = far_lobe(n, v, d, table.w, gloss);
+    var mirrored = reflected(world, d, far, gloss);
     var open = 1.0;
     if NEARBY {
         let near = nearby_at(sample_position(pixel, s), frame.eye.w / depth);
@@ -231,7 +287,7 @@ fn shade(pixel: vec2i, s: i32, own: bool) -> vec3f {
     let scale = gloss.f0 * table.x + vec3f(gloss.f90 * table.y);
     let specular = scale * mirrored;
     let diffuse = base * diffuse_share(shape, properties) * irradiance / PI;
-    let sources = open * compact_source_specular(world, n, v, gloss, table.w);
+    let sources = open * compact_source_specular(world, n, v, gloss, far.level);
     let lamps = lamp_highlights(lamps_at(virtual_lamps, pixel), world, n, v, gloss, round_lobe(gloss, scale, d));
     return diffuse + specular + sources + lamps + emissive_of(material);
 }

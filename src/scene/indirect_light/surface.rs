@@ -8,7 +8,7 @@ use penumbra_lighting::lobes::Family;
 /// F0 of dielectrics with a refractive index of 1.5.
 const DIELECTRIC: f32 = 0.04;
 /// Minimum width of a specular lobe: a few rays do not resolve narrower ones.
-const MIN_GLOSS: f32 = 0.09;
+const MIN_GLOSS: f32 = 0.05;
 
 /// F0 above which surfaces mirror visibly onto others: metals, and no dielectric of the usual
 /// refractive indices.
