@@ -448,7 +448,7 @@ impl LongLobe {
         let middle = 1.0 - 2.0 * beside * PARTS.iter().map(|part| part.1).sum::<f32>();
         let part = |k: usize| {
             let (slope, share, up) = match PARTS.get(k / 2) {
-                Some((slope, share, up)) if k % 2 == 0 => (*slope, share * beside, *up),
+                Some((slope, share, up)) if k.is_multiple_of(2) => (*slope, share * beside, *up),
                 Some((slope, share, up)) => (-slope, share * beside, *up),
                 None => (0.0, middle, 0.0),
             };
