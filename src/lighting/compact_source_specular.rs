@@ -157,14 +157,20 @@ pub fn reflected(
 ///
 /// ```text
 ///   GGX, whose half vectors fill an ellipse a = ρ/2 by b = ρ/(2 v·h):   α² → √((α² + a²)(α² + b²))
-///   Phong:                                                             1/e → 1/e + ρ²/4
+///   Phong:                                                             e → (1 − exp(−e ρ²/2)) / (ρ²/2)
 /// ```
 fn towards(family: Family, parameter: f32, radius: f32, [n, v, l]: [Vec3; 3]) -> f32 {
     let (n_dot_l, n_dot_v) = (n.dot(l).max(0.0), n.dot(v).max(1e-3));
     match family {
         Family::Phong => {
             let own = phong_exponent(parameter);
-            let e = own / (1.0 + own * radius * radius * 0.25);
+            let half = 0.5 * radius * radius;
+            // Smaller discs do not widen the lobe.
+            let e = if own * half > 1e-3 {
+                -(-own * half).exp_m1() / half
+            } else {
+                own
+            };
             let along = (n * (2.0 * n.dot(v)) - v).dot(l).max(0.0);
             (e + 2.0) / (2.0 * PI) * along.powf(e)
         }

@@ -393,8 +393,8 @@ pub const PARTS: [(f32, f32, f32); 3] = [
     (0.931, 0.161, 0.0),
     (2.693, 0.0805, 0.7),
 ];
-/// Width of a part at n·v = 0, as a share of α: by `tests/materials` the best there, where the row of
-/// narrower ones would show gaps.
+/// Width of a part at n·v = 0, as a share of α, chosen with `tests/materials`: a row of narrower ones would
+/// show gaps.
 pub const LEAST_ACROSS: f32 = 0.15;
 
 /// A narrow GGX lobe as a row of round lobes along the plane of incidence ([`PARTS`]).

@@ -170,7 +170,7 @@ fn small_source_is_closer_than_from_the_papers_chain() {
     let all = errors(&[rendered(SIZE, maps::spot)]);
     print("spot", &all[0]);
     for e in &all[0] {
-        let limit = if e.lobe.0 == Family::Phong { 0.11 } else { 0.1 };
+        let limit = if e.lobe.0 == Family::Phong { 0.06 } else { 0.1 };
         assert!(e.prefiltered < limit, "{:?}: {}", e.lobe, e.prefiltered);
         assert!(e.prefiltered < e.boxed, "{:?}", e.lobe);
     }

@@ -26,7 +26,10 @@ fn widened_by_disc(g: Gloss, v: vec3f, l: vec3f, radius: f32) -> Gloss {
     let r2 = radius * radius * 0.25;
     if PHONG && g.phong {
         let e = exp2(14.0 * g.parameter) - 1.0;
-        wide.parameter = log2(e / (1.0 + e * r2) + 1.0) / 14.0;
+        // Smaller discs do not widen the lobe.
+        let x = 2.0 * e * r2;
+        let narrower = select(e, (1.0 - exp(-x)) / (2.0 * r2), x > 1e-3);
+        wide.parameter = log2(narrower + 1.0) / 14.0;
         return wide;
     }
     // Half vectors of a disc: half as far apart, and wider perpendicular to the plane of incidence.
