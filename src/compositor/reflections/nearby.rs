@@ -28,7 +28,7 @@ pub struct Nearby {
     /// Share of the rays that meet what the picture shows.
     pub seen: f32,
     /// The mean of where those are in the picture, in its width and height, and of their lengths as
-    /// a share of the distance from there to the camera.
+    /// a share of the distance from there to the camera, times the cosine at which it sees that place.
     pub place: Vec3,
     /// Distance of the surface along the camera's axis, metres, negative for a real mirror; 0 without
     /// a glossy surface.

@@ -18,7 +18,7 @@
 //! on the ground.
 
 use super::bvh::{LANES, Lanes, Rays};
-use super::nearby::Nearby;
+use super::nearby::{Nearby, PERIOD};
 use super::nearby_scene::{Met, NearbyScene, Surface};
 use super::radiance::NearbyLight;
 use glam::{Mat3, Vec2, Vec3};
@@ -40,6 +40,9 @@ const LEAST_COSINE: f32 = 0.2;
 const FREE: f32 = 1.0 - 1e-3;
 /// Part of the picture's width over which reflections of the picture fade towards its edges.
 const FADE: f32 = 0.05;
+/// Cosines of the angle at which the camera sees a face between which its picture replaces the face's mean
+/// colour: one that is seen nearly edge-on is a few pixels wide, and those of its edges show what is beside it.
+const EDGE_ON: (f32, f32) = (0.05, 0.2);
 /// Places within a pixel at which real mirrors are looked at, beside its centre.
 const WITHIN_PIXEL: [Vec2; 4] = [
     Vec2::new(-0.125, -0.375),
@@ -349,8 +352,7 @@ impl<'t> Tracer<'t> {
                 continue;
             }
             mirror.sum.light += self.direct(point, met);
-            let width = mirror.met.surface.width;
-            seconds[lane] = second(met, from, direction, (width, mirror.beam));
+            seconds[lane] = second(met, from, direction, (mirror.part(), mirror.beam));
         }
         self.look(&to_eye, &found, mirrors);
         self.reflect_again(&seconds, mirrors);
@@ -400,12 +402,15 @@ impl<'t> Tracer<'t> {
             };
             let is_visible = met.normal.dot(towards) > 0.0 && !hidden[lane];
             let place = self.view.place_of(point).filter(|_| is_visible);
-            let seen = place.map_or(0.0, |(uv, _)| inside(uv));
+            let facing = met.normal.dot(towards) / towards.length();
+            let clear = smoothstep(EDGE_ON.0, EDGE_ON.1, facing);
+            let seen = place.map_or(0.0, |(uv, _)| clear * inside(uv));
             let number = met.surface.phantom.unwrap_or_default();
             mirror.sum.light += self.light.phantom(number, met.normal) * (1.0 - seen);
             mirror.sum.seen += seen;
             if let Some((uv, depth)) = place {
-                mirror.sum.place += uv.extend(met.distance / depth) * seen;
+                // A face that is seen at an angle is narrow in the picture, and so is the lobe on it.
+                mirror.sum.place += uv.extend(facing * met.distance / depth) * seen;
             }
         }
     }
@@ -515,6 +520,12 @@ impl Mirror<'_> {
         (is_above || number == 0).then(|| lifted(direction, self.met.normal))
     }
 
+    /// Width of the part of the lobe that each ray stands for, as GGX's α.
+    fn part(&self) -> f32 {
+        let sets = if self.sum.is_soft { PERIOD * PERIOD } else { 1 };
+        self.met.surface.width / ((self.slopes.len() * sets) as f32).sqrt()
+    }
+
     /// Whether it is a phantom.
     const fn is_real(&self) -> bool {
         self.met.surface.phantom.is_some()
@@ -558,25 +569,28 @@ fn lifted(direction: Vec3, n: Vec3) -> Vec3 {
     (direction + n * (LEAST_ELEVATION - elevation)).normalize()
 }
 
-/// The reflection in a surface at `from`; `None` if it reflects nothing specularly. The lobes of
-/// both surfaces, the first as wide as `width`, blur it.
-fn second(
-    met: &Met<'_>,
-    from: Vec3,
-    direction: Vec3,
-    (width, beam): (f32, Beam),
-) -> Option<Second> {
+/// The reflection in a surface at `from`; `None` if it reflects nothing specularly. It is blurred by that
+/// surface's lobe and by the `part` of the first one, as a width, that the ray stands for.
+fn second(met: &Met<'_>, from: Vec3, direction: Vec3, (part, beam): (f32, Beam)) -> Option<Second> {
     let Surface { f0, width: own, .. } = *met.surface;
     (f0 != Vec3::ZERO).then(|| {
         let n = met.shading_normal;
-        let beam = beam.reflected(met.distance, met, direction.dot(n));
-        // To both sides; and half vectors, of which α tells the spread, turn by half as much.
+        let cosine = direction.dot(n);
+        let beam = beam.reflected(met.distance, met, cosine);
+        // Half vectors, of which α tells the spread, turn by half as much as directions.
+        let lobe = Beam {
+            width: 0.0,
+            angle: 2.0 * part,
+        };
+        // A curved surface may widen it in one direction alone: by the root, its area is right then.
+        let width = 0.5 * (lobe.angle * lobe.reflected(met.distance, met, cosine).angle).sqrt();
+        // To both sides.
         let spread = (0.25 * beam.angle).min(1.0);
         Second {
             reflectance: met.surface.fresnel(-direction.dot(n)),
             direction: lifted(direction.reflect(n), met.normal),
             origin: from,
-            width: (own * own + width * width).sqrt(),
+            width: own.hypot(width).min(1.0),
             spread,
         }
     })

@@ -144,7 +144,10 @@ fn mirror_shows_a_box_that_the_camera_sees_at_its_true_place() {
     assert!(front_seen.seen > 0.99 && front_seen.open < 0.01);
     let in_camera = pose().inverse().transform_point(front.as_dvec3());
     let pixel = camera().project(in_camera).expect("in front").as_vec2();
-    let place = ((pixel + 0.5) / 200.0).extend(at[0].distance(front) / in_camera.z as f32);
+    // The front is seen at an angle.
+    let cosine = (EYE - front).normalize().dot(Vec3::NEG_Y);
+    let width = cosine * at[0].distance(front) / in_camera.z as f32;
+    let place = ((pixel + 0.5) / 200.0).extend(width);
     assert!(front_seen.place.distance(place) < 1e-4, "{front_seen:?}");
     assert!(front_seen.light.length() < 0.01);
     for open in [above_seen, beside_seen] {

@@ -13,7 +13,7 @@ struct Nearby {
     open: f32,
     // Share that meets what the picture shows.
     seen: f32,
-    // The mean of where that is in the picture, in its width and height, and of the length of the way
+    // The mean of where that is in the picture, in its width and height, and of the foreshortened length of the way
     // to it as a share of its distance along the camera's axis.
     place: vec3f,
 }
