@@ -20,7 +20,7 @@ pub struct UniformInputs<'a> {
     pub augmented: bool,
     /// Number of dome lights with shadow maps.
     pub lights: u32,
-    /// The near lights among them where nothing blocks them; see
+    /// The near lights where nothing blocks them; see
     /// [`penumbra_lighting::place::near_lights`].
     pub near: &'a [DomeLight],
     /// Whether virtual lights act on real surfaces by the paper's response.

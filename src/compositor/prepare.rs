@@ -252,7 +252,7 @@ impl Compositor {
                 .schedule(shadowing, map_size, input.refresh, &mut self.chosen);
         }
         let mapped = if cached { &[] } else { shadowing };
-        near_lights(mapped, &mut self.near_lights);
+        near_lights(lights, &mut self.near_lights);
         let mut uniform = frame_uniform(&UniformInputs {
             input,
             view,

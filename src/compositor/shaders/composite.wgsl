@@ -49,6 +49,29 @@ fn light_at(pixel: vec2i, n: vec3f, z: f32, own: bool) -> vec3f {
 const BESIDE = 0.7;
 const BESIDE_FADE = 0.4;
 
+// Irradiance of the ground where nothing blocks it.
+fn irradiance_of_ground(world: vec3f) -> vec3f {
+    let up = vec3f(0.0, 0.0, 1.0);
+    return by_normal(irradiance_of_lights, up) + near_irradiance(world, up);
+}
+
+// By how much the ground at `there` is brighter than at `here`: near lights fall off.
+fn brighter(there: vec3f, here: vec3f) -> vec3f {
+    if non_uniform(frame.counts.z, here.x) == 0u {
+        return vec3f(1.0);
+    }
+    return irradiance_of_ground(there) / max(irradiance_of_ground(here), vec3f(1e-6));
+}
+
+// The same between a point beside the picture and the edge, at `uv`, whose colour it gets.
+fn brighter_than_edge(there: vec3f, uv: vec2f) -> vec3f {
+    let ray = ray_through(uv * frame.size.xy - vec2f(0.5));
+    if ray.z > -LEAST_SLOPE {
+        return vec3f(1.0);
+    }
+    return brighter(there, frame.eye.xyz + ray * ((frame.params.y - frame.eye.z) / ray.z));
+}
+
 // Level of the surroundings with texels of twice this many pixels: level 0 is half the picture.
 fn level_of(blur: f32) -> f32 {
     return clamp(log2(max(blur, 1.0)), 0.0, frame.params.w);
@@ -60,7 +83,10 @@ fn real_radiance(world: vec3f, metres: f32, beside: f32) -> vec4f {
     let p = pixel_of(world);
     let uv = (p.xy + vec2f(0.5)) * frame.size.zw;
     let edge = min(min(uv.x, 1.0 - uv.x), min(uv.y, 1.0 - uv.y));
-    let pixels = metres * frame.intrinsics.x / max(p.z, 1e-3);
+    // The ground is foreshortened: by the root, the blur has the area that it has there.
+    let towards = frame.eye.xyz - world;
+    let facing = sqrt(clamp(towards.z * inverseSqrt(dot(towards, towards)), 0.0, 1.0));
+    let pixels = metres * facing * frame.intrinsics.x / max(p.z, 1e-3);
     // Part of so wide a blur may lie beside the picture or behind the camera.
     let reach = min(0.5 * pixels * frame.size.z, 0.5);
     let ahead = smoothstep(frame.eye.w, frame.eye.w + metres, p.z);
@@ -68,7 +94,11 @@ fn real_radiance(world: vec3f, metres: f32, beside: f32) -> vec4f {
     let outside = beside * exp(min(edge, 0.0) / BESIDE_FADE);
     let inside = max(smoothstep(-0.02 - reach, 0.05 + reach, edge), outside) * ahead;
     let blur = max(pixels * 0.5, -edge * frame.size.x * 0.25);
-    let seen = textureSampleLevel(surroundings, smooth_sampler, clamp(uv, vec2f(0.0), vec2f(1.0)), level_of(blur));
+    let shown = clamp(uv, vec2f(0.0), vec2f(1.0));
+    var seen = textureSampleLevel(surroundings, smooth_sampler, shown, level_of(blur));
+    if edge < 0.0 && beside > 0.0 {
+        seen = vec4f(seen.rgb * brighter_than_edge(world, shown), seen.a);
+    }
     return vec4f(seen.rgb, seen.a * inside);
 }
 
@@ -210,7 +240,9 @@ fn reflected(world: vec3f, d: vec3f, far: FarLobe, gloss: Gloss) -> vec3f {
         replaced = far_radiance(low, far.level, gloss);
     }
     let foot = world + low * ((world.z - frame.params.y) / -low.z);
-    let ground = seen.rgb + replaced * ground_share(foot) * (1.0 - seen.a);
+    let beneath = vec3f(world.xy, frame.params.y);
+    let unseen = replaced * brighter(foot, beneath) * ground_share(foot);
+    let ground = seen.rgb + unseen * (1.0 - seen.a);
     return max(far.radiance + below * (ground - replaced), vec3f(0.0));
 }
 
@@ -428,6 +460,42 @@ fn interior(@builtin(position) position: vec4f) -> @location(0) vec4f {
     return encoded(in_exposure(shade(pixel, 0, true)) * brightness_at(vec2f(pixel)));
 }
 
+// Share of a pixel's samples that show something virtual.
+fn coverage_of(pixel: vec2i) -> f32 {
+    let at = clamp(pixel, vec2i(0), vec2i(textureDimensions(virtual_shape)) - vec2i(1));
+    var covered = 0;
+    for (var s = 0; s < SAMPLES; s++) {
+        covered += select(0, 1, is_surface(textureLoad(virtual_shape, at, s)));
+    }
+    return f32(covered) / f32(SAMPLES);
+}
+
+// Least coverage of the pixel behind an outline, and one less the most of the pixel before it.
+const BEHIND_OUTLINE = 0.75;
+
+// Coverage of a pixel of which the samples cover the share `own`. Where a single outline passes, it is
+// taken for a straight line through the three pixels around along it, whose place in each is the sum of
+// the coverage across it: twelve samples instead of four.
+fn smooth_coverage(pixel: vec2i, own: f32) -> f32 {
+    let top = vec3f(coverage_of(pixel + vec2i(-1, -1)), coverage_of(pixel + vec2i(0, -1)), coverage_of(pixel + vec2i(1, -1)));
+    let middle = vec3f(coverage_of(pixel + vec2i(-1, 0)), own, coverage_of(pixel + vec2i(1, 0)));
+    let low = vec3f(coverage_of(pixel + vec2i(-1, 1)), coverage_of(pixel + vec2i(0, 1)), coverage_of(pixel + vec2i(1, 1)));
+    let columns = top + middle + low;
+    let rows = vec3f(dot(top, vec3f(1.0)), dot(middle, vec3f(1.0)), dot(low, vec3f(1.0)));
+    let is_level = abs(rows.z - rows.x) > abs(columns.z - columns.x);
+    let line = select(rows, columns, is_level);
+    let beside = select(middle.xz, vec2f(top.y, low.y), is_level);
+    if max(beside.x, beside.y) < BEHIND_OUTLINE || min(beside.x, beside.y) > 1.0 - BEHIND_OUTLINE {
+        return own;
+    }
+    let place = dot(line, vec3f(1.0 / 3.0)) - 1.0;
+    let along = vec4f(-0.375, -0.125, 0.125, 0.375) * (0.5 * (line.z - line.x));
+    let covered = dot(clamp(vec4f(place) + along, vec4f(0.0), vec4f(1.0)), vec4f(0.25));
+    // The samples know it to half a step.
+    let half = 0.5 / f32(SAMPLES);
+    return clamp(covered, own - half, own + half);
+}
+
 // Pixels that virtual objects cover partly, or that show several surfaces.
 @fragment
 fn outline(@builtin(position) position: vec4f) -> @location(0) vec4f {
@@ -438,14 +506,19 @@ fn outline(@builtin(position) position: vec4f) -> @location(0) vec4f {
     for (var s = 0; s < SAMPLES; s++) {
         left |= select(0u, 1u << u32(s), is_surface(textureLoad(virtual_shape, pixel, s)));
     }
-    let covered = countOneBits(left);
+    let own = f32(countOneBits(left)) / f32(SAMPLES);
+    var covered = own;
+    if SAMPLES > 1 && own < 1.0 {
+        covered = smooth_coverage(pixel, own);
+    }
     var mirrored = NO_REFLECTION;
     if NEARBY {
         mirrored = in_real_mirror(pixel);
     }
     let real = with_reflections(shadowed(code.rgb, factor, pixel), mirrored, pixel);
     let behind = real + in_exposure(added_at(pixel));
-    var linear = behind * (1.0 - f32(covered) / f32(SAMPLES));
+    var linear = behind * (1.0 - covered);
+    let each = covered / max(own * f32(SAMPLES), 1.0);
     // Samples on either side of an outline or a crease are shaded separately. The loop tests its
     // condition at the end, because software drivers would otherwise run its body once more than
     // any pixel needs.
@@ -458,7 +531,7 @@ fn outline(@builtin(position) position: vec4f) -> @location(0) vec4f {
             same |= select(0u, 1u << u32(s), is_left & same_surface(pixel, first, s));
         }
         let shown = in_exposure(shade(pixel, first, first == pixel_sample)) * brightness_at(vec2f(pixel));
-        linear += shown * (f32(countOneBits(same)) / f32(SAMPLES));
+        linear += shown * (f32(countOneBits(same)) * each);
         left &= ~same;
         continuing {
             break if left == 0u;

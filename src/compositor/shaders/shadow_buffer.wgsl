@@ -47,17 +47,6 @@ fn facing(i: u32, world: vec3f, n: vec3f) -> f32 {
     return select(0.0, facing_light(towards_light(i, world), n), i != NO_LIGHT);
 }
 
-// Unshadowed irradiance of near lights, which are in no table.
-fn near_irradiance(world: vec3f, n: vec3f) -> vec3f {
-    var sum = vec3f(0.0);
-    let count = non_uniform(frame.counts.z, world.x);
-    for (var k = 0u; k < count; k++) {
-        let place = frame.near_lights[k].place;
-        sum += frame.near_lights[k].irradiance.rgb * facing_light(place.xyz - place.w * world, n);
-    }
-    return sum;
-}
-
 // Software drivers run a loop's body once more than needed unless its condition is at its end; so
 // these loops test at the end, are not nested, and run once with a light of weight 0 if a mask is
 // empty.

@@ -144,6 +144,17 @@ fn facing_light(v: vec3f, n: vec3f) -> f32 {
     return max(dot(n, v), 0.0) * inverseSqrt(square) / square;
 }
 
+// Unshadowed irradiance of near lights, which are in no table.
+fn near_irradiance(world: vec3f, n: vec3f) -> vec3f {
+    var sum = vec3f(0.0);
+    let count = non_uniform(frame.counts.z, world.x);
+    for (var k = 0u; k < count; k++) {
+        let place = frame.near_lights[k].place;
+        sum += frame.near_lights[k].irradiance.rgb * facing_light(place.xyz - place.w * world, n);
+    }
+    return sum;
+}
+
 fn ray_through(pixel: vec2f) -> vec3f {
     let p = (pixel - frame.intrinsics.zw) / frame.intrinsics.xy;
     return frame.right.xyz * p.x + frame.down.xyz * p.y + frame.forward.xyz;
