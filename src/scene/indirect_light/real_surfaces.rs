@@ -19,6 +19,8 @@ use std::sync::Arc;
 const COUNT: usize = 3072;
 /// The same where something moves, and rays are cast again every half second.
 const COUNT_MOVING: usize = 768;
+/// Cells of their grid along each axis.
+const SIDE: u32 = 24;
 /// Number of rays from each point.
 const GATHERED: usize = 96;
 /// The same where something moves.
@@ -73,7 +75,7 @@ impl RealPoints {
         let points = threads::map(&places, CHUNK, |i, place| {
             look(*place, (i, rays), surfels, obstacles, region)
         });
-        let (grid, splats) = SurfaceGrid::around(&places, area);
+        let (grid, splats) = SurfaceGrid::around(&places, area, SIDE);
         Self {
             points,
             grid: Arc::new(grid),

@@ -4,8 +4,8 @@ use super::directions::AXES;
 use glam::{UVec3, Vec3, Vec4};
 use std::sync::Arc;
 
-/// Number of cells along each axis.
-pub const GRID_SIDE: u32 = 24;
+/// Number of cells along each axis, most of them empty.
+pub const GRID_SIDE: u32 = 36;
 
 /// Weight of a place from which a grid's value counts fully; on a surface that continues to all
 /// sides it is about five times as large.
@@ -13,7 +13,7 @@ const ENOUGH: f32 = 0.1;
 
 /// How often what the grid lacks at the points is added (Van Cittert 1931): more would add the noise of the
 /// points.
-const CORRECTIONS: usize = 2;
+const CORRECTIONS: usize = 1;
 
 /// The cells near surfaces. Each has one value for each of the six directions of `AXES`, to which
 /// a surface with normal n contributes by the squares of n's components: they add up to one. So
@@ -45,8 +45,8 @@ pub(super) type Splat = Vec<(u32, f32)>;
 
 impl SurfaceGrid {
     /// Makes a grid around `points` (position, normal), each of which stands for `area`, square
-    /// metres; returns it with the shares of each point.
-    pub(super) fn around(points: &[(Vec3, Vec3)], area: f32) -> (Self, Vec<Splat>) {
+    /// metres; they lie in `side` of its cells along each axis. Returns it with the shares of each point.
+    pub(super) fn around(points: &[(Vec3, Vec3)], area: f32, side: u32) -> (Self, Vec<Splat>) {
         let low = points.iter().fold(Vec3::INFINITY, |l, p| l.min(p.0));
         let high = points.iter().fold(Vec3::NEG_INFINITY, |h, p| h.max(p.0));
         if points.is_empty() || !(high - low).is_finite() {
@@ -54,10 +54,10 @@ impl SurfaceGrid {
         }
         let size = high - low;
         // A whole cell beyond the points; no side is less than a hundredth of the longest.
-        let cell = size.max(Vec3::splat(0.01 * size.max_element())) / (GRID_SIDE - 2) as f32;
+        let cell = size.max(Vec3::splat(0.01 * size.max_element())) / (side - 2) as f32;
         let mut grid = Self {
             low: low - cell,
-            high: high + cell,
+            high: low + cell * (GRID_SIDE - 1) as f32,
             cells: Vec::new(),
             numbers: vec![0; (6 * GRID_SIDE * GRID_SIDE * GRID_SIDE) as usize],
         };
@@ -171,7 +171,7 @@ mod tests {
         let points: Vec<(Vec3, Vec3)> = wall
             .flat_map(|p| [(p, Vec3::Z), (p - 0.001 * Vec3::Z, Vec3::NEG_Z)])
             .collect();
-        let (grid, splats) = SurfaceGrid::around(&points, 0.0025);
+        let (grid, splats) = SurfaceGrid::around(&points, 0.0025, 24);
         let mut light = SurfaceIrradiance {
             grid: Arc::new(grid),
             values: Vec::new(),
@@ -198,7 +198,7 @@ mod tests {
                 (around.extend(z), around.extend(z))
             })
             .collect();
-        let (grid, splats) = SurfaceGrid::around(&points, 4.0 * PI / 4000.0);
+        let (grid, splats) = SurfaceGrid::around(&points, 4.0 * PI / 4000.0, 24);
         let mut light = SurfaceIrradiance {
             grid: Arc::new(grid),
             values: Vec::new(),

@@ -4,6 +4,8 @@ use crate::mesh::Material;
 use crate::primitives;
 use glam::DMat4;
 use penumbra_interface::MonotonicTime;
+use penumbra_lighting::cube::CubeGrid;
+use penumbra_lighting::prefilter::Prefilter;
 use penumbra_lighting::{CubeMap, Harmonics, Lighting};
 use std::sync::Arc;
 
@@ -416,4 +418,54 @@ fn convex_object_gives_itself_no_light() {
     let light = on_virtual(vec![part_of(ball, 0.8, 1.0, DMat4::IDENTITY)], 3);
     assert!(light.values.iter().all(|value| *value == Vec3::ZERO));
     assert!(light.on(Vec3::Z * 0.1, Vec3::Z).w > 0.99);
+}
+
+#[test]
+fn lamp_in_a_golden_ball_makes_no_spots() {
+    // A ball of 5 cm beside a wall, and a lamp behind the wall's plane that the ball shows everywhere on it.
+    let gold = Material {
+        metallic: 1.0,
+        roughness: 0.22,
+        ..Material::default()
+    };
+    let ball = Part {
+        material: Arc::new(gold),
+        ..part_of(
+            primitives::sphere(0.025, 48, 24),
+            0.0,
+            0.0,
+            DMat4::from_translation(glam::DVec3::new(0.0, 0.0, 0.06)),
+        )
+    };
+    let wall = part_of(primitives::plane(0.2, 0.2), 0.8, 0.0, DMat4::IDENTITY);
+    let grid = CubeGrid::new(64);
+    let lamp = Vec3::new(0.5, 0.2, 0.8).normalize();
+    let sky = grid.directions.iter().map(|d| {
+        let is_lamp = d.dot(lamp) > 0.06_f32.cos();
+        Vec3::splat(if is_lamp { 200.0 } else { 0.1 })
+    });
+    let light = Lighting {
+        radiance: Arc::new(Prefilter::new(64).apply(&sky.collect::<Vec<_>>())),
+        ..lighting(1)
+    };
+    let scene = Scene {
+        virtual_parts: vec![ball, wall],
+        ..Scene::default()
+    };
+    let mut solver = IndirectLightSolver::new(&scene, &scene.virtual_parts).unwrap();
+    solver.update(&light, real(&[]), &[]);
+    let found = &solver.light().on_virtual;
+    let at = |x: i32, y: i32| {
+        let place = Vec3::new(x as f32, y as f32, 0.0) * 0.006;
+        found.on(place, Vec3::Z).x
+    };
+    let brightest = (-8..=8).map(|x| at(x, 0)).fold(0.0, f32::max);
+    let spots = (-8..=8)
+        .flat_map(|y| (-8..=8).map(move |x| (x, y)))
+        .map(|(x, y)| {
+            let around = at(x - 1, y) + at(x + 1, y) + at(x, y - 1) + at(x, y + 1);
+            (at(x, y) - 0.25 * around) / brightest
+        });
+    let worst = spots.fold(0.0, f32::max);
+    assert!(worst < 0.2, "{worst}");
 }
