@@ -55,12 +55,17 @@ fn irradiance_of_ground(world: vec3f) -> vec3f {
     return by_normal(irradiance_of_lights, up) + near_irradiance(world, up);
 }
 
+// Largest ratio that `brighter` returns: below a lamp that is close to the ground, or is thought to be, it
+// would be a spot.
+const BRIGHTEST = 4.0;
+
 // By how much the ground at `there` is brighter than at `here`: near lights fall off.
 fn brighter(there: vec3f, here: vec3f) -> vec3f {
     if non_uniform(frame.counts.z, here.x) == 0u {
         return vec3f(1.0);
     }
-    return irradiance_of_ground(there) / max(irradiance_of_ground(here), vec3f(1e-6));
+    let ratio = irradiance_of_ground(there) / max(irradiance_of_ground(here), vec3f(1e-6));
+    return min(ratio, vec3f(BRIGHTEST));
 }
 
 // The same between a point beside the picture and the edge, at `uv`, whose colour it gets.
