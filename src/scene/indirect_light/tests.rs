@@ -422,7 +422,7 @@ fn convex_object_gives_itself_no_light() {
 
 #[test]
 fn lamp_in_a_golden_ball_makes_no_spots() {
-    // A ball of 5 cm beside a wall, and a lamp behind the wall's plane that the ball shows everywhere on it.
+    // A ball of 5 cm before a wall, which sees a lamp in it.
     let gold = Material {
         metallic: 1.0,
         roughness: 0.22,

@@ -125,6 +125,21 @@ fn image_of(p: Vec3) -> Vec3 {
 }
 
 #[test]
+fn side_that_the_camera_sees_edge_on_has_its_mean_radiance() {
+    // Its right side is at x = -0.01, which the camera sees at a cosine of 0.013.
+    let body = part(
+        primitives::cuboid(Vec3::new(0.1, 0.2, 0.2)),
+        Vec3::new(-0.06, 0.2, 0.0),
+        Material::default(),
+    );
+    let scene = scene(vec![level_mirror()], vec![body]);
+    let at = [image_of(Vec3::new(-0.01, 0.2, 0.06))];
+    let found = mirrored(&scene, 1, &at)[0];
+    assert!(found.seen < 0.01 && found.open < 0.01, "{found:?}");
+    assert!((found.light - 0.25).length() < 0.01, "{found:?}");
+}
+
+#[test]
 fn mirror_shows_a_box_that_the_camera_sees_at_its_true_place() {
     // Its front is at y = 0.2, its top at z = 0.1.
     let size = Vec3::new(0.4, 0.1, 0.1);
