@@ -9,6 +9,7 @@ mod bvh;
 mod nearby;
 mod nearby_scene;
 mod radiance;
+mod second;
 mod stage;
 mod trace;
 

@@ -19,8 +19,9 @@
 
 use super::bvh::{LANES, Lanes, Rays};
 use super::nearby::{Nearby, PERIOD};
-use super::nearby_scene::{Met, NearbyScene, Surface};
+use super::nearby_scene::{Met, NearbyScene};
 use super::radiance::NearbyLight;
+use super::second::{Beam, Second, lifted, second};
 use glam::{Mat3, Vec2, Vec3};
 use penumbra_camera::PinholeCamera;
 use penumbra_interface::RigidTransform;
@@ -32,10 +33,6 @@ const MIRROR: f32 = 0.015;
 /// which these are averaged. Half of a lobe's light lies within 2 α of the mirror direction, to every side: three
 /// such points.
 const WIDE: f32 = 0.8;
-/// Sine of the least angle between a mirror ray and the triangle from which it starts.
-const LEAST_ELEVATION: f32 = 0.01;
-/// Least cosine of the angle of incidence by which a beam widens.
-const LEAST_COSINE: f32 = 0.2;
 /// Share of the distance to the camera that is free if nothing hides a point.
 const FREE: f32 = 1.0 - 1e-3;
 /// Part of the picture's width over which reflections of the picture fade towards its edges.
@@ -143,27 +140,6 @@ struct Mirror<'a> {
     sum: Nearby,
 }
 
-/// The width of what a ray stands for, up to the ray of the neighbouring point (Igehy 1999, with the
-/// greatest curvature for all directions).
-#[derive(Clone, Copy)]
-struct Beam {
-    /// At the surface, metres.
-    width: f32,
-    /// The angle by which it opens, radians.
-    angle: f32,
-}
-
-impl Beam {
-    /// After `distance` metres and the reflection in a surface.
-    fn reflected(self, distance: f32, met: &Met<'_>, cosine: f32) -> Self {
-        let width = (self.width + self.angle * distance) / cosine.abs().max(LEAST_COSINE);
-        Self {
-            width,
-            angle: self.angle + 2.0 * met.curvature * width,
-        }
-    }
-}
-
 /// A packet of rays that not all lanes have.
 struct Packet {
     rays: Rays,
@@ -197,17 +173,6 @@ impl Packet {
     fn is_empty(&self) -> bool {
         self.farthest.iter().all(|far| *far < 0.0)
     }
-}
-
-/// A reflection in a surface that a mirror ray has met.
-struct Second {
-    reflectance: Vec3,
-    direction: Vec3,
-    origin: Vec3,
-    width: f32,
-    /// Width, as GGX's α, of a lobe that reaches to what the rays of neighbouring points reflect: a
-    /// lamp between them would be in none of these rays, or fill one of them.
-    spread: f32,
 }
 
 impl<'t> Tracer<'t> {
@@ -557,43 +522,6 @@ impl Mirror<'_> {
             is_soft,
         }
     }
-}
-
-/// A direction that points away from a triangle with normal `n`: interpolated normals may reflect
-/// it into the surface.
-fn lifted(direction: Vec3, n: Vec3) -> Vec3 {
-    let elevation = direction.dot(n);
-    if elevation >= LEAST_ELEVATION {
-        return direction;
-    }
-    (direction + n * (LEAST_ELEVATION - elevation)).normalize()
-}
-
-/// The reflection in a surface at `from`; `None` if it reflects nothing specularly. It is blurred by that
-/// surface's lobe and by the `part` of the first one, as a width, that the ray stands for.
-fn second(met: &Met<'_>, from: Vec3, direction: Vec3, (part, beam): (f32, Beam)) -> Option<Second> {
-    let Surface { f0, width: own, .. } = *met.surface;
-    (f0 != Vec3::ZERO).then(|| {
-        let n = met.shading_normal;
-        let cosine = direction.dot(n);
-        let beam = beam.reflected(met.distance, met, cosine);
-        // Half vectors, of which α tells the spread, turn by half as much as directions.
-        let lobe = Beam {
-            width: 0.0,
-            angle: 2.0 * part,
-        };
-        // A curved surface may widen it in one direction alone: by the root, its area is right then.
-        let width = 0.5 * (lobe.angle * lobe.reflected(met.distance, met, cosine).angle).sqrt();
-        // To both sides.
-        let spread = (0.25 * beam.angle).min(1.0);
-        Second {
-            reflectance: met.surface.fresnel(-direction.dot(n)),
-            direction: lifted(direction.reflect(n), met.normal),
-            origin: from,
-            width: own.hypot(width).min(1.0),
-            spread,
-        }
-    })
 }
 
 fn lane_of(vectors: &[Lanes; 3], lane: usize) -> Vec3 {
