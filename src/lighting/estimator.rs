@@ -1,7 +1,7 @@
 //! Estimates light from pictures of the environment camera, frame by frame.
 
 use super::adaptive::{AdaptiveDome, CompactSource};
-use super::clipped::{boost, raise};
+use super::clipped::{RaisedSources, boost};
 use super::cube::{CubeGrid, halve, texel_of};
 use super::dome::{DomeGrid, ground_irradiance};
 use super::equirect::Equirect;
@@ -85,8 +85,7 @@ pub struct EnvironmentEstimator {
     clipped_mask: Vec<bool>,
     last_sphere: LastSphere,
     reference: DVec3,
-    /// Directions of clipped sources, and the factors on their clipped pixels.
-    clipped_factors: Vec<(Vec3, Vec3)>,
+    raised: RaisedSources,
     generation: u64,
     /// Ratio of the clipped pixels' brightness to white, estimated from the scene's shadows.
     shadow_factor: Option<f32>,
@@ -177,7 +176,7 @@ impl EnvironmentEstimator {
             clipped_mask: Vec::new(),
             last_sphere: LastSphere::default(),
             reference: DVec3::ZERO,
-            clipped_factors: Vec::new(),
+            raised: RaisedSources::default(),
             generation: 0,
             shadow_factor: None,
             neighbours: grid.neighbours(),
@@ -228,8 +227,7 @@ impl EnvironmentEstimator {
     /// the observer); they hold from the next update on, with [`ClippedEnergy::Measured`] and a
     /// camera that does not move.
     pub fn set_clipped_factors(&mut self, factors: impl Iterator<Item = (Vec3, Vec3)>) {
-        self.clipped_factors.clear();
-        self.clipped_factors.extend(factors);
+        self.raised.set(factors);
     }
 
     /// Returns the point from which the environment is seen, world, metres; `None` while a sphere
@@ -299,12 +297,7 @@ impl EnvironmentEstimator {
             None,
         );
         if matches!(self.settings.clipped, ClippedEnergy::Measured { .. }) {
-            raise(
-                &self.clipped_factors,
-                pixels,
-                &mut self.radiance,
-                &self.clipped,
-            );
+            self.raised.raise(pixels, &mut self.radiance, &self.clipped);
         }
         table.apply(&self.radiance, &mut self.measured);
         self.coverage.clone_from(&table.coverage);
@@ -318,6 +311,7 @@ impl EnvironmentEstimator {
         let mut sources = find(&mut self.finder, samples, &self.radiance, &self.settings);
         for source in &mut sources {
             source.note_clipped(&self.clipped);
+            source.recentre(&self.clipped, pixels, &self.raised);
         }
         if sources.is_empty() {
             return Ok((sources, full.clone(), full));

@@ -31,7 +31,7 @@ use super::light::Harmonics;
 use super::place::LampDistance;
 use super::sources::LUMINANCE;
 use faces::Faces;
-use glam::{DVec3, Vec3, Vec4};
+use glam::{DVec3, Vec3};
 use openness::openness;
 
 /// A point of a real surface that the scene camera sees.
@@ -146,11 +146,13 @@ impl<'a> DistanceSearch<'a> {
         observer: DVec3,
         blocked: &'a Blocked<'a>,
     ) -> Self {
-        let seen = occluders.map(|occluders| openness(surfaces, occluders));
+        let seen = occluders.map(|occluders| openness(surfaces, irradiance, occluders));
         let rest = |(i, p): (usize, &Option<SurfacePoint>)| {
             let light = p.map_or(Vec3::ZERO, |p| irradiance.irradiance(p.normal));
-            let seen = seen.as_ref().map_or(Vec4::W, |seen| seen[i]);
-            values((light * seen.w + seen.truncate()).max(Vec3::splat(1e-6)))
+            let seen = seen
+                .as_ref()
+                .map_or(light, |seen| light * seen[i].open + seen[i].reflected);
+            values(seen.max(Vec3::splat(1e-6)))
         };
         let mut search = Self {
             surfaces,
@@ -231,18 +233,23 @@ impl<'a> DistanceSearch<'a> {
         (sum / lamp.parts.len() as f64) as f32
     }
 
-    /// The mean of the shares of a lamp that are seen from the points beside one on the same surface.
-    fn share_beside(&self, shares: &[Option<f32>], i: usize) -> Option<f32> {
-        let (width, points) = (self.surfaces.width, &self.surfaces.points);
-        let p = points[i]?;
-        let beside = [
+    /// The numbers of the points beside one in the grid; the last may be beyond its end.
+    fn beside(&self, i: usize) -> [Option<usize>; 4] {
+        let width = self.surfaces.width;
+        [
             (!i.is_multiple_of(width)).then(|| i - 1),
             (i % width + 1 < width).then_some(i + 1),
             i.checked_sub(width),
             Some(i + width),
-        ];
+        ]
+    }
+
+    /// The mean of the shares of a lamp that are seen from the points beside one on the same surface.
+    fn share_beside(&self, shares: &[Option<f32>], i: usize) -> Option<f32> {
+        let points = &self.surfaces.points;
+        let p = points[i]?;
         let (mut sum, mut count) = (0.0, 0);
-        for k in beside.into_iter().flatten() {
+        for k in self.beside(i).into_iter().flatten() {
             let (Some(Some(q)), Some(Some(share))) = (points.get(k), shares.get(k)) else {
                 continue;
             };

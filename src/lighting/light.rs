@@ -3,6 +3,7 @@
 use super::place::{LEAST_DISTANCE, LightPlace};
 use glam::Vec3;
 use penumbra_interface::MonotonicTime;
+use std::f32::consts::PI;
 use std::sync::Arc;
 
 /// The content of a radiance map's levels.
@@ -104,24 +105,31 @@ impl Harmonics {
     /// Irradiance on a surface with unit normal `n`, clamped at zero.
     #[must_use]
     pub fn irradiance(&self, n: Vec3) -> Vec3 {
+        self.sum(n, [1.0; 3])
+    }
+
+    /// The radiance that comes from a direction (unit vector), as far as degree 2 tells it, clamped at zero:
+    /// without the cosine lobe's factors on each degree.
+    #[must_use]
+    pub fn radiance(&self, direction: Vec3) -> Vec3 {
+        self.sum(direction, [1.0 / PI, 1.5 / PI, 4.0 / PI])
+    }
+
+    /// Sum in a direction, with a factor on each degree.
+    fn sum(&self, n: Vec3, [zero, one, two]: [f32; 3]) -> Vec3 {
         let basis = [
-            1.0,
-            n.y,
-            n.z,
-            n.x,
-            n.x * n.y,
-            n.y * n.z,
-            3.0 * n.z * n.z - 1.0,
-            n.x * n.z,
-            n.x * n.x - n.y * n.y,
+            zero,
+            one * n.y,
+            one * n.z,
+            one * n.x,
+            two * n.x * n.y,
+            two * n.y * n.z,
+            two * (3.0 * n.z * n.z - 1.0),
+            two * n.x * n.z,
+            two * (n.x * n.x - n.y * n.y),
         ];
-        let sum: Vec3 = self
-            .coefficients
-            .iter()
-            .zip(basis)
-            .map(|(c, y)| *c * y)
-            .sum();
-        sum.max(Vec3::ZERO)
+        let terms = self.coefficients.iter().zip(basis);
+        terms.map(|(c, y)| *c * y).sum::<Vec3>().max(Vec3::ZERO)
     }
 }
 

@@ -5,6 +5,8 @@
 //! irradiance, is not too large, and the radiance falls steeply outside it. The glow around the sun
 //! has no edge and stays in the cells of the dome.
 
+use super::clipped::RaisedSources;
+use super::resample::PixelDirections;
 use glam::Vec3;
 
 /// Rec.709 luminance weights.
@@ -76,6 +78,8 @@ pub struct Source {
     pub solid_angle: f32,
     /// Share of its light in samples that every exposure clips, 0..=1.
     pub clipped: f32,
+    /// What is added to the directions of its samples, which are too coarse where they clip.
+    pub shift: Vec3,
 }
 
 impl Source {
@@ -88,6 +92,33 @@ impl Source {
         let all = self.parts.iter().fold(0.0, sum);
         let lost = self.parts.iter().filter(is_clipped).fold(0.0, sum);
         self.clipped = lost / all.max(f32::MIN_POSITIVE);
+    }
+
+    /// Moves its centre, by no more than a clipped sample's width, to where it was before those samples were
+    /// raised: among them, one that the source hardly touches counts as much as one that it fills.
+    pub(super) fn recentre(
+        &mut self,
+        clipped: &[u32],
+        pixels: &PixelDirections,
+        raised: &RaisedSources,
+    ) {
+        let (mut centre, mut widest) = (Vec3::ZERO, 0.0f32);
+        for (i, flux) in &self.parts {
+            let (direction, size) = (
+                pixels.directions[*i as usize],
+                pixels.solid_angles[*i as usize],
+            );
+            let mut before = *flux;
+            if let (Ok(_), Some(factor)) = (clipped.binary_search(i), raised.factor_at(direction)) {
+                let background = self.background * size;
+                before = (*flux + background) / factor - background;
+                widest = widest.max(size);
+            }
+            centre += direction * before.dot(LUMINANCE).max(0.0);
+        }
+        let moved = centre.try_normalize().unwrap_or(self.direction) - self.direction;
+        self.shift = moved.clamp_length_max(widest.sqrt());
+        self.direction = (self.direction + self.shift).normalize();
     }
 }
 
@@ -258,6 +289,7 @@ fn measure(
         flux,
         solid_angle: sum * sum / squares.max(f32::MIN_POSITIVE),
         clipped: 0.0,
+        shift: Vec3::ZERO,
     }
 }
 

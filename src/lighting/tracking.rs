@@ -71,7 +71,7 @@ impl TrackedSource {
         self.parts.extend(source.parts.iter().map(|&(i, flux)| {
             let flux = (gains * flux).max(Vec3::ZERO);
             Part {
-                direction: directions[i as usize],
+                direction: (directions[i as usize] + source.shift).normalize(),
                 flux,
                 weight: flux.dot(LUMINANCE),
             }

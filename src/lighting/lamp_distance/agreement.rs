@@ -9,6 +9,9 @@ const OFFSET: [usize; 1] = [3];
 const CONTRAST: f32 = 0.25;
 /// Difference of the logarithms of all other light up to which a pair tells of one lamp.
 const EVEN: f32 = 0.1;
+/// Change of the logarithm between a compared point and one beside it, relative to that of the pair, from which
+/// the point may lie on an edge: its luminance is averaged over both sides.
+const AT_EDGE: f32 = 0.5;
 /// Least number of pairs in a part of the picture, and of parts that show a surface.
 const MIN_PAIRS: u32 = 6;
 const MIN_BLOCKS: u32 = 3;
@@ -62,7 +65,11 @@ impl DistanceSearch<'_> {
         let mut blocks: BTreeMap<(u32, usize), (u32, f32)> = BTreeMap::new();
         self.every_two(&OFFSET, |i, k, p, q| {
             let predicted = log[i] - log[k];
-            if predicted.abs() > CONTRAST && counts(i, k) {
+            let is_clear = || {
+                let most = AT_EDGE * predicted.abs();
+                self.is_away_from_edges(i, log, most) && self.is_away_from_edges(k, log, most)
+            };
+            if predicted.abs() > CONTRAST && counts(i, k) && is_clear() {
                 let seen = p.log_values[LUMINANCE_OF] - q.log_values[LUMINANCE_OF];
                 let difference = predicted.signum() * (seen - predicted);
                 let block = blocks.entry((p.surface, self.block(i))).or_default();
@@ -72,6 +79,17 @@ impl DistanceSearch<'_> {
         });
         blocks.retain(|_, (pairs, _)| *pairs >= MIN_PAIRS);
         blocks
+    }
+
+    /// Whether the logarithm of what arrives changes by no more than `most` from a point to those beside it
+    /// on its surface.
+    fn is_away_from_edges(&self, i: usize, log: &[f32], most: f32) -> bool {
+        let points = &self.surfaces.points;
+        let changes = |k: usize| match (points[i], points.get(k)) {
+            (Some(p), Some(Some(q))) => q.is_beside(&p) && (log[k] - log[i]).abs() > most,
+            _ => false,
+        };
+        !self.beside(i).into_iter().flatten().any(changes)
     }
 }
 

@@ -88,13 +88,29 @@ impl Table {
     }
 
     fn seen(&self) -> SeenSurfaces {
+        self.seen_by(|p| self.irradiance(p))
+    }
+
+    /// As a camera sees it: a point is the mean of five by five pixels, six of which lie between points.
+    fn seen_in_pixels(&self) -> SeenSurfaces {
+        self.seen_by(|p| {
+            let pixels =
+                (0..25).map(|k| DVec3::new(f64::from(k % 5 - 2), f64::from(k / 5 - 2), 0.0));
+            pixels
+                .map(|pixel| self.irradiance(p + pixel * (0.01 / 6.0)))
+                .sum::<f32>()
+                / 25.0
+        })
+    }
+
+    fn seen_by(&self, irradiance: impl Fn(DVec3) -> f32) -> SeenSurfaces {
         let mut random = Random::new(7);
         let point = |i: usize| {
             let (x, y) = ((i % WIDTH) as f64, (i / WIDTH) as f64);
             let position = DVec3::new(0.01 * x - 0.45, 0.01 * y - 0.3, 0.0);
             let grain = (40.0 * position.x).sin() as f32 * self.texture;
             let noise = 0.01 * random.normal() as f32;
-            let log = self.irradiance(position).ln() + grain + noise;
+            let log = irradiance(position).ln() + grain + noise;
             Some(SurfacePoint {
                 position,
                 normal: Vec3::Z,
@@ -279,6 +295,21 @@ fn the_depth_of_shadows_tells_how_bright_a_clipped_lamp_is() {
     }
     let error = (factor * lost - 1.0).abs().max_element();
     assert!(error < 0.08, "{factor} for {}", lost.recip());
+}
+
+#[test]
+fn shadows_agree_with_their_light_although_points_lie_on_their_edges() {
+    let table = Table {
+        lamps: vec![(DVec3::new(300.0, -200.0, 500.0), 6e5)],
+        balls: BALLS.to_vec(),
+        texture: 0.0,
+    };
+    let blocked = |o: DVec3, to: DVec3, farthest: f64| blocked(&BALLS, o, to, farthest);
+    let (seen, lamps) = (table.seen_in_pixels(), table.sources());
+    let search = DistanceSearch::new(&seen, &lamps, (&sky(), None), OBSERVER, &blocked);
+    let agreement = search.agreement()[0];
+    assert!(agreement.difference.abs() < 0.015, "{agreement:?}");
+    assert!(agreement.pairs > 30, "{agreement:?}");
 }
 
 /// What is found of lamps of which only a share of the light is seen: errors of 1/distance, and of the energy,
