@@ -5,6 +5,7 @@ use super::clipped::{RaisedSources, boost};
 use super::cube::{CubeGrid, halve, texel_of};
 use super::dome::{DomeGrid, ground_irradiance};
 use super::equirect::Equirect;
+use super::half_hidden::complete;
 use super::harmonics::{HarmonicsTable, blurred, pin_upward};
 use super::hdr::{Bracket, BracketMerger, scales};
 use super::light::{DomeLight, Harmonics, Lighting};
@@ -312,6 +313,7 @@ impl EnvironmentEstimator {
         for source in &mut sources {
             source.note_clipped(&self.clipped);
             source.recentre(&self.clipped, pixels, &self.raised);
+            complete(source, pixels, &self.radiance);
         }
         if sources.is_empty() {
             return Ok((sources, full.clone(), full));

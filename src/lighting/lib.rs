@@ -27,6 +27,7 @@ pub mod environment_map;
 pub mod equirect;
 pub mod estimator;
 pub mod geodesic;
+mod half_hidden;
 pub mod harmonics;
 pub mod hdr;
 pub mod lamp_distance;

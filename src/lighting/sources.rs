@@ -80,6 +80,9 @@ pub struct Source {
     pub clipped: f32,
     /// What is added to the directions of its samples, which are too coarse where they clip.
     pub shift: Vec3,
+    /// Directions (unit vectors) in which something hides it, and the light above the background, as of
+    /// `parts`, that comes from there.
+    pub hidden: Vec<(Vec3, Vec3)>,
 }
 
 impl Source {
@@ -290,6 +293,7 @@ fn measure(
         solid_angle: sum * sum / squares.max(f32::MIN_POSITIVE),
         clipped: 0.0,
         shift: Vec3::ZERO,
+        hidden: Vec::new(),
     }
 }
 

@@ -68,10 +68,15 @@ impl TrackedSource {
             .try_normalize()
             .unwrap_or(tangent_frame(self.direction).0);
         self.parts.clear();
-        self.parts.extend(source.parts.iter().map(|&(i, flux)| {
+        let seen = source.parts.iter().map(|(i, flux)| {
+            let direction = directions[*i as usize] + source.shift;
+            (direction.normalize(), *flux)
+        });
+        let all = seen.chain(source.hidden.iter().copied());
+        self.parts.extend(all.map(|(direction, flux)| {
             let flux = (gains * flux).max(Vec3::ZERO);
             Part {
-                direction: (directions[i as usize] + source.shift).normalize(),
+                direction,
                 flux,
                 weight: flux.dot(LUMINANCE),
             }
