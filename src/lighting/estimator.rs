@@ -313,7 +313,7 @@ impl EnvironmentEstimator {
         for source in &mut sources {
             source.note_clipped(&self.clipped);
             source.recentre(&self.clipped, pixels, &self.raised);
-            complete(source, pixels, &self.radiance);
+            complete(source, samples, &self.radiance);
         }
         if sources.is_empty() {
             return Ok((sources, full.clone(), full));

@@ -41,6 +41,7 @@ pub mod prefilter;
 mod probe;
 pub mod report;
 pub mod resample;
+mod round;
 pub mod settings;
 mod shadow_ratio;
 pub mod sources;

@@ -7,6 +7,7 @@
 
 use super::clipped::RaisedSources;
 use super::resample::PixelDirections;
+use super::round::{Cone, Edge};
 use glam::Vec3;
 
 /// Rec.709 luminance weights.
@@ -135,6 +136,11 @@ pub struct SourceFinder {
 }
 
 const VISITED: u32 = 1;
+/// Labels of a region that is divided, before and after a sample of it was visited.
+const IN_REGION: u32 = u32::MAX - 1;
+const IN_ISLAND: u32 = u32::MAX;
+/// Share of a region's light from which one of its parts may be a lamp of its own.
+const LEAST_ISLAND: f32 = 0.05;
 
 impl SourceFinder {
     /// Returns the sources in `radiance`, strongest first. With `ground`, only above the horizon.
@@ -170,7 +176,9 @@ impl SourceFinder {
             }
             let threshold = (self.luminance[seed as usize] * settings.peak_fraction).max(floor);
             let region = self.grow(grid, seed, threshold, settings.gap, 2 + found.len() as u32);
-            found.extend(self.assess(grid, radiance, &region, threshold, &scene, settings));
+            for region in self.lamps_in(grid, region) {
+                found.extend(self.assess(grid, radiance, &region, threshold, &scene, settings));
+            }
         }
         self.candidates = candidates;
         found.sort_by(|a, b| b.flux.dot(LUMINANCE).total_cmp(&a.flux.dot(LUMINANCE)));
@@ -200,6 +208,64 @@ impl SourceFinder {
             });
         }
         region
+    }
+
+    /// Divides a region into the round lamps that lie in it, apart from each other, and the rest: what a gap
+    /// divides may be a window, or lamps side by side.
+    fn lamps_in(&mut self, grid: SampleGrid, region: Vec<u32>) -> Vec<Vec<u32>> {
+        let islands = self.islands(grid, &region);
+        if islands.len() < 2 {
+            return vec![region];
+        }
+        let light = |island: &[u32]| -> f32 {
+            let each = island.iter().map(|&i| i as usize);
+            each.map(|i| self.luminance[i] * grid.solid_angles[i]).sum()
+        };
+        let least = LEAST_ISLAND * light(&region);
+        let (lamps, others): (Vec<_>, Vec<_>) = islands
+            .into_iter()
+            .partition(|island| light(island) > least && self.is_round(grid, island));
+        let rest: Vec<u32> = others.into_iter().flatten().collect();
+        let all = lamps.into_iter().chain(std::iter::once(rest));
+        all.filter(|region| !region.is_empty()).collect()
+    }
+
+    /// The connected parts of a region.
+    fn islands(&mut self, grid: SampleGrid, region: &[u32]) -> Vec<Vec<u32>> {
+        let mut islands = Vec::new();
+        for &i in region {
+            self.labels[i as usize] = IN_REGION;
+        }
+        for &seed in region {
+            if self.labels[seed as usize] != IN_REGION {
+                continue;
+            }
+            let mut island = vec![seed];
+            self.labels[seed as usize] = IN_ISLAND;
+            let mut next = 0;
+            while let Some(&i) = island.get(next) {
+                next += 1;
+                grid.near(i, 1, |k| {
+                    if self.labels[k as usize] == IN_REGION {
+                        self.labels[k as usize] = IN_ISLAND;
+                        island.push(k);
+                    }
+                });
+            }
+            islands.push(island);
+        }
+        islands
+    }
+
+    fn is_round(&self, grid: SampleGrid, island: &[u32]) -> bool {
+        let luminance = |i: usize| self.luminance[i];
+        let most = island
+            .iter()
+            .map(|&i| luminance(i as usize))
+            .fold(0.0, f32::max);
+        let edge = Edge::of(grid, island.iter().copied(), 0.5 * most, luminance);
+        let cone = edge.and_then(|edge| Cone::through(&edge.points));
+        cone.is_some_and(|cone| cone.certainty > 0.5)
     }
 
     /// Converts a region to a source if it meets the criteria.

@@ -12,7 +12,7 @@ use penumbra_picture::Picture;
 use std::f32::consts::PI;
 
 mod clipped;
-mod half_hidden;
+mod lamps;
 
 const EVS: [f64; 4] = [0.0, -5.0, -10.0, -15.0];
 

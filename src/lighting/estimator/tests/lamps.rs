@@ -1,4 +1,4 @@
-//! Lamps of which something real hides a part.
+//! Lamps of which something real hides a part, and lamps side by side.
 
 use super::*;
 
@@ -60,4 +60,40 @@ fn window_that_is_half_hidden_is_not_taken_for_a_lamp() {
     let (light, _) = seen(&shape, 0.0);
     let half = 0.5 * 0.24 * 0.2 * RADIANCE;
     assert!((light / half - 1.0).abs() < 0.06, "{light} {half}");
+}
+
+/// The sources in a room with a shape.
+fn sources(shape: &dyn Fn(Vec3) -> f32) -> Vec<CompactSource> {
+    let mut rig = Rig::new(&fisheye(0.0), EnvironmentSettings::default());
+    rig.observe(&|d| Vec3::splat(0.2 + shape(d)), Vec3::splat(0.1));
+    rig.estimator.sources()
+}
+
+#[test]
+fn lamps_side_by_side_are_two_and_the_panes_of_a_window_are_one() {
+    let right = lamp().cross(Vec3::Z).normalize();
+    let up = right.cross(lamp());
+    // Two pixels lie between them.
+    let other = (lamp() + 0.162 * right).normalize();
+    let lamps = |d: Vec3| disc(d, lamp(), 0.1, 10.0) + disc(d, other, 0.045, 60.0);
+    let found = sources(&lamps);
+    assert_eq!(found.len(), 2, "{found:?}");
+    for (source, (at, radius, radiance)) in found
+        .iter()
+        .zip([(other, 0.045f32, 60.0), (lamp(), 0.1, 10.0)])
+    {
+        let light = PI * radius.sin().powi(2) * radiance;
+        assert!(
+            (source.irradiance.x / light - 1.0).abs() < 0.06,
+            "{source:?} {light}"
+        );
+        assert!(source.direction.distance(at) < 0.003, "{source:?}");
+    }
+    let window = |d: Vec3| {
+        let (x, y) = (d.dot(right), d.dot(up));
+        let is_bar = x.abs() < 0.007 || (y - 0.01).abs() < 0.007;
+        let is_inside = x.abs() < 0.12 && y.abs() < 0.1 && d.dot(lamp()) > 0.0;
+        if is_inside && !is_bar { RADIANCE } else { 0.0 }
+    };
+    assert_eq!(sources(&window).len(), 1);
 }
