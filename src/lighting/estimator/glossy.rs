@@ -50,19 +50,17 @@ impl EnvironmentEstimator {
         let excess: Vec<[f32; 3]> = full.iter().zip(without).map(excess).collect();
         let mut out = without.to_vec();
         for (i, d) in self.grid.directions.iter().enumerate() {
-            let along = |s: &CompactSource| s.direction.dot(*d);
-            let nearest = sources.iter().max_by(|a, b| along(a).total_cmp(&along(b)));
-            if nearest.is_none_or(|s| s.distance.inverse == 0.0) {
+            if owner(sources, *d).is_none_or(|k| sources[k].distance.inverse == 0.0) {
                 out[i] += Vec3::from(excess[i]);
             }
-            for (source, (direction, place)) in sources.iter().zip(&places) {
+            for (k, (source, (direction, place))) in sources.iter().zip(&places).enumerate() {
                 let reach = 3.0 * source.angular_radius + 4.0 / self.grid.size as f32;
                 if place.is_far() || direction.dot(*d) < 0.5 {
                     continue;
                 }
                 let point = views.reference + d.as_dvec3() / f64::from(place.inverse_distance);
                 let seen = (point - views.observer).as_vec3().normalize_or_zero();
-                if seen.distance(source.direction) < reach {
+                if seen.distance(source.direction) < reach && owner(sources, seen) == Some(k) {
                     out[i] += sample_seamless(&excess, self.grid.size, seen);
                 }
             }
@@ -94,4 +92,11 @@ impl EnvironmentEstimator {
             }
         }
     }
+}
+
+/// The source to which the light from a direction belongs: the one whose outline is nearest.
+fn owner(sources: &[CompactSource], direction: Vec3) -> Option<usize> {
+    let apart = |s: &CompactSource| direction.distance(s.direction) - s.angular_radius;
+    let all = sources.iter().map(apart).enumerate();
+    all.min_by(|a, b| a.1.total_cmp(&b.1)).map(|(k, _)| k)
 }

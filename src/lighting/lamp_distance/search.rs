@@ -5,6 +5,9 @@
 //! each takes its best distance in turn until all have settled, and only then it is judged which of them are
 //! near. One that is not becomes infinitely far, and the others settle again.
 //!
+//! Two lamps in nearly the same direction can take each other's part, so that neither finds its distance while the
+//! other has a wrong one. Their distances are searched in pairs, too.
+//!
 //! A lamp that clips every exposure may be a thousand times as bright as its pixels, and its shadows fit at no
 //! distance, or at a wrong one, if it is not. So each distance is judged with the energy that fits best there.
 
@@ -23,6 +26,8 @@ const AGAIN: f32 = 0.4;
 const ROUNDS: usize = 8;
 /// Change of all reciprocals in a round, 1/m, with which they have settled.
 const SETTLED: f32 = 0.02;
+/// Angle between two lamps, radians, below which they are searched in pairs.
+const ALIKE: f32 = 0.6;
 /// Student's t from which an improvement is significant.
 const SIGNIFICANT: f32 = 3.0;
 /// What a lamp must show to be near: alone, and where another one is near. Lamps that are infinitely far are
@@ -109,6 +114,9 @@ impl DistanceSearch<'_> {
         let mut searched: Vec<Searched> = of_these.map(Searched::new).collect();
         let mut found = Vec::new();
         self.settle(&mut searched);
+        if self.settle_pairs(&mut searched) {
+            self.settle(&mut searched);
+        }
         loop {
             let look = |s: &mut Searched| self.look(s, [0.0, NEAREST]);
             let looked: Vec<Looked> = searched.iter_mut().map(look).collect();
@@ -161,6 +169,66 @@ impl DistanceSearch<'_> {
                 break;
             }
         }
+    }
+
+    /// Gives every two lamps in nearly the same direction the two reciprocals that fit best together; true if
+    /// any changed.
+    fn settle_pairs(&mut self, searched: &mut [Searched]) -> bool {
+        let mut changed = false;
+        for second in 1..searched.len() {
+            let (before, after) = searched.split_at_mut(second);
+            for a in before {
+                let b = &mut after[0];
+                let [of_a, of_b] = [&*a, b].map(|s| &self.lamps[s.lamp]);
+                let angle = of_a.source.direction.angle_between(of_b.source.direction);
+                let is_known = !of_a.is_energy_unknown && !of_b.is_energy_unknown;
+                if angle < ALIKE && is_known {
+                    changed |= self.settle_pair(a, b);
+                }
+            }
+        }
+        changed
+    }
+
+    fn settle_pair(&mut self, a: &mut Searched, b: &mut Searched) -> bool {
+        for s in [&mut *a, b] {
+            let step = coarse(&self.lamps[s.lamp]);
+            let mut looked = Looked::new();
+            for k in 0..=number(NEAREST) / step {
+                self.look_at(s, k * step, &mut looked);
+            }
+        }
+        let mut others: Vec<f32> = self.rest.iter().map(|rest| rest[LUMINANCE_OF]).collect();
+        self.add_lamps(&mut others, LUMINANCE_OF, |k| k != a.lamp && k != b.lamp);
+        let light = |s: &Searched| values(self.light(s.lamp))[LUMINANCE_OF];
+        let lights = [&*a, b].map(light);
+        let mut log = Vec::with_capacity(others.len());
+        let mut losses = |of_a: &[f32], of_b: &[f32]| {
+            log.clone_from(&others);
+            add(&mut log, of_a, lights[0]);
+            add(&mut log, of_b, lights[1]);
+            log.iter_mut().for_each(|sum| *sum = sum.max(1e-9).ln());
+            self.losses_of_every(SOME, LUMINANCE_OF, &log)
+        };
+        let now = losses(&self.by_lamp[a.lamp], &self.by_lamp[b.lamp]);
+        let total = |losses: &Losses| losses.iter().sum::<f32>();
+        let mut least = (total(&now), now.clone(), (a.inverse, b.inverse));
+        for (n, of_a) in &a.forms {
+            for (m, of_b) in &b.forms {
+                let these = losses(of_a, of_b);
+                if total(&these) < least.0 {
+                    let inverses = (*n as f32 * FINE, *m as f32 * FINE);
+                    least = (total(&these), these, inverses);
+                }
+            }
+        }
+        let is_better = improvement(&now, &least.1) > 1.0;
+        if is_better {
+            (a.inverse, b.inverse) = least.2;
+            self.place(a, a.inverse);
+            self.place(b, b.inverse);
+        }
+        is_better
     }
 
     /// Gives a lamp a reciprocal that was looked at.

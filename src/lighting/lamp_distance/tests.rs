@@ -233,6 +233,38 @@ fn lamps_that_hide_each_others_distances_are_found_together() {
 }
 
 #[test]
+fn lamps_in_nearly_the_same_direction_are_not_taken_for_each_other() {
+    let towards = |azimuth: f64, elevation: f64| {
+        let level = DVec2::from_angle(azimuth) * elevation.cos();
+        level.extend(elevation.sin())
+    };
+    for (k, [first, second]) in (0..8).flat_map(|k| [[0.7, 0.32], [1.2, 0.4]].map(|d| (k, d))) {
+        // Ten degrees apart.
+        let azimuth = 0.785 * f64::from(k);
+        let lamps = vec![
+            (
+                OBSERVER + first * towards(azimuth, 0.29),
+                (1.1 * first * first) as f32,
+            ),
+            (
+                OBSERVER + second * towards(azimuth + 0.14, 0.4),
+                (second * second) as f32,
+            ),
+        ];
+        let table = Table {
+            lamps,
+            balls: BALLS.to_vec(),
+            texture: 0.1,
+        };
+        for ((lamp, _), found) in table.lamps.iter().zip(found(&table, &BALLS)) {
+            let expected = lamp.distance(OBSERVER).recip() as f32;
+            let error = (found.inverse - expected).abs();
+            assert!(error < 0.2, "{lamp}: {found:?} for {expected}");
+        }
+    }
+}
+
+#[test]
 fn a_weak_lamp_is_near_where_another_one_is() {
     let weak = DVec3::new(-0.5, -1.4, 0.9);
     let near = (DVec3::new(0.3, -0.2, 0.5), 0.3);

@@ -97,3 +97,29 @@ fn lamps_side_by_side_are_two_and_the_panes_of_a_window_are_one() {
     };
     assert_eq!(sources(&window).len(), 1);
 }
+
+#[test]
+fn near_lamps_side_by_side_are_reflected_once_each() {
+    let other = (lamp() + 0.17 * lamp().cross(Vec3::Z).normalize()).normalize();
+    let room =
+        |d: Vec3| Vec3::splat(0.2 + disc(d, lamp(), 0.1, 30.0) + disc(d, other, 0.045, 60.0));
+    let mut rig = Rig::new(&fisheye(0.0), EnvironmentSettings::default());
+    rig.observe(&room, Vec3::splat(0.1));
+    let near = |s: &CompactSource| {
+        let distance = LampDistance {
+            inverse: 2.0,
+            sigma: 0.0,
+        };
+        (s.id, distance)
+    };
+    let distances: Vec<_> = rig.estimator.sources().iter().map(near).collect();
+    rig.estimator.set_distances(&distances);
+    rig.estimator.set_reference(DVec3::new(0.1, 0.0, 0.05));
+    let light = rig.observe(&room, Vec3::splat(0.1));
+    let lamps = light.lights.iter().filter(|l| l.kind == LightKind::Compact);
+    let all: f32 = lamps.map(|l| l.irradiance.x).sum();
+    let reflected = &light.radiance.compact_sources;
+    let sum: f32 = reflected.iter().map(|s| s.flux.x).sum();
+    assert_eq!(reflected.len(), 2);
+    assert!((sum / all - 1.0).abs() < 0.1, "{sum} {all}");
+}
