@@ -11,7 +11,7 @@ use std::f32::consts::PI;
 /// Share of the greatest radiance from which a sample shows the lamp alone.
 const CORE: f32 = 0.75;
 
-/// Adds to a source what is hidden of it. `radiance` is that of the picture's grid.
+/// Adds to a source what is hidden of it. `radiance` is that of the grid's samples.
 pub(super) fn complete(source: &mut Source, grid: SampleGrid, radiance: &[Vec3]) {
     let Some(core) = core(source, grid) else {
         return;
