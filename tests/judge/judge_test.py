@@ -232,8 +232,8 @@ class Soak(Scratch):
             soak.append(log, piece)
         self.assertEqual(soak.read(log), pieces)
         rows = soak.summary(soak.read(log)).splitlines()[2:]
-        self.assertEqual(rows[0], "| 2026-11-26 | 2 | 4,000 | 3,000 | 200.0 | 200.5 | +0.25 | +1.00 |")
-        self.assertEqual(rows[2], "| all | 3 | 4,500 | 3,000 | 200.0 | 199.0 | +1.00 | +3.00 |")
+        self.assertEqual(rows[0], "| 2026-11-26 | 2 | 4,000 | 3,000 | 200.0 | 200.5 | -0.13 | +0.25 | +1.00 |")
+        self.assertEqual(rows[2], "| all | 3 | 4,500 | 3,000 | 200.0 | 199.0 | +0.22 | +1.00 | +3.00 |")
 
 
 class SpeedAims(unittest.TestCase):

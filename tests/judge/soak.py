@@ -138,12 +138,13 @@ def read(log: Path) -> list[Piece]:
 
 def summary(pieces: list[Piece]) -> str:
     """The table of the documentation: a line for each day, and one for all."""
-    lines = ["| day | pieces | frames | longest piece | MB after warming up | MB at the end | growth, %: median | largest |", "|---|---|---|---|---|---|---|---|"]
+    lines = ["| day | pieces | frames | longest piece | MB after warming up | MB at the end | growth, %: mean by frames | median | largest |", "|---|---|---|---|---|---|---|---|---|"]
     days = {day: [p for p in pieces if p.date == day] for day in sorted({p.date for p in pieces})}
     for name, of in [*days.items(), ("all", pieces)]:
         growth = [p.growth_percent for p in of]
+        mean = sum(p.growth_percent * p.frames for p in of) / sum(p.frames for p in of)
         start, end = median(p.start_mb for p in of), median(p.end_mb for p in of)
-        lines.append(f"| {name} | {len(of)} | {sum(p.frames for p in of):,} | {max(p.frames for p in of):,} | {start:.1f} | {end:.1f} | {median(growth):+.2f} | {max(growth):+.2f} |")
+        lines.append(f"| {name} | {len(of)} | {sum(p.frames for p in of):,} | {max(p.frames for p in of):,} | {start:.1f} | {end:.1f} | {mean:+.2f} | {median(growth):+.2f} | {max(growth):+.2f} |")
     return "\n".join(lines)
 
 
