@@ -119,7 +119,8 @@ def run_piece(a: argparse.Namespace, config: Path, more: list[str]) -> Piece:
             process.wait(20)
         except subprocess.TimeoutExpired:
             process.kill()
-    return fit(samples, a.frames // 10)
+    # A tenth of what was composed: the piece may have ended early.
+    return fit(samples, (samples[-1][0] if samples else 0) // 10)
 
 
 def append(log: Path, piece: Piece) -> None:
