@@ -127,6 +127,13 @@ pub fn texel_solid_angle(size: u32, x: u32, y: u32) -> f64 {
         + corner_solid_angle(a0, b0)
 }
 
+/// Sine and cosine of the azimuth of point `k` of a spiral (golden angle): any number of them is evenly spread
+/// about its middle.
+pub(super) fn spiral(k: usize) -> (f32, f32) {
+    const GOLDEN: f32 = 0.381_966;
+    (std::f32::consts::TAU * GOLDEN * k as f32).sin_cos()
+}
+
 /// Returns two unit vectors that span the plane perpendicular to `d`, the first horizontal.
 #[must_use]
 pub fn tangent_frame(d: Vec3) -> (Vec3, Vec3) {

@@ -125,6 +125,22 @@ mod tests {
     }
 
     #[test]
+    fn radiance_of_degree_2_is_returned() {
+        let (grid, table) = table(64);
+        let sky = |d: Vec3| 1.0 + 0.5 * d.x + 0.2 * (3.0 * d.z * d.z - 1.0) - 0.3 * d.x * d.y;
+        let texels: Vec<Vec3> = grid
+            .directions
+            .iter()
+            .map(|d| Vec3::splat(sky(*d)))
+            .collect();
+        let h = table.project(&texels);
+        for d in [Vec3::X, Vec3::Z, Vec3::new(0.6, -0.64, 0.48)] {
+            let error = (h.radiance(d).x - sky(d)).abs();
+            assert!(error < 2e-3, "{d}: {error}");
+        }
+    }
+
+    #[test]
     fn constant_radiance_gives_pi_times_it() {
         let (grid, table) = table(64);
         let h = table.project(&vec![Vec3::new(0.5, 1.0, 2.0); grid.directions.len()]);

@@ -3,7 +3,7 @@
 //! Most lamps are round from every side. The circle's plane v·d = 1 is fitted to the directions d of the edge by
 //! least squares; its cone has the axis v/|v| and cos r = 1/|v|.
 
-use super::cube::tangent_frame;
+use super::cube::{spiral, tangent_frame};
 use super::sources::{Layout, SampleGrid};
 use glam::{DVec3, Vec3};
 use penumbra_numerics::fixed_size::solve;
@@ -13,16 +13,12 @@ use std::f32::consts::TAU;
 /// Least number of points on the edge.
 const MIN_POINTS: usize = 8;
 /// Pixels around an unseen one that may show a part of what hides the lamp.
-const MARGIN: i64 = 2;
+const MARGIN: i32 = 2;
 /// Distance of the edge from the circle (root mean square), relative to its radius, up to which it is a lamp's,
 /// and from which it is not.
 const MISFIT: (f32, f32) = (0.04, 0.08);
 /// The same for the largest angle, radians, over which no edge is seen.
 const GAP: (f32, f32) = (4.4, 5.0);
-/// Points in the cone.
-const POINTS: usize = 256;
-/// Fraction of a turn from one of them to the next (golden angle).
-const GOLDEN: f32 = 0.381_966;
 
 /// The edge of a region of a picture.
 pub(super) struct Edge {
@@ -41,65 +37,34 @@ impl Edge {
         level: f32,
         above: impl Fn(usize) -> f32,
     ) -> Option<Self> {
-        let around = Around::of(grid)?;
+        let Layout::Picture(width) = grid.layout else {
+            return None;
+        };
+        let is_seen = |k: u32| grid.solid_angles[k as usize] > 0.0;
         let mut edge = Self {
             points: Vec::new(),
             is_cut: false,
         };
         for i in region {
-            let (i, inside) = (i as usize, above(i as usize));
+            let inside = above(i as usize);
             if inside <= level {
                 continue;
             }
-            for k in around.within(i, 1).filter(|k| around.is_beside(i, *k)) {
-                if !around.is_seen(k) {
+            let mut is_clear = true;
+            grid.near(i, MARGIN, |k| is_clear &= is_seen(k));
+            grid.near(i, 1, |k| {
+                let outside = above(k as usize);
+                let is_beside = matches!(i.abs_diff(k), apart if apart == 1 || apart == width);
+                if is_beside && !is_seen(k) {
                     edge.is_cut = true;
-                } else if above(k) <= level && around.within(i, MARGIN).all(|k| around.is_seen(k)) {
-                    let share = (inside - level) / (inside - above(k));
-                    let point = grid.directions[i].lerp(grid.directions[k], share);
-                    edge.points.push(point);
+                } else if is_beside && is_clear && outside <= level {
+                    let share = (inside - level) / (inside - outside);
+                    let [from, to] = [i, k].map(|i| grid.directions[i as usize]);
+                    edge.points.push(from.lerp(to, share));
                 }
-            }
+            });
         }
         Some(edge)
-    }
-}
-
-/// The pixels around others.
-struct Around<'a> {
-    seen: &'a [f32],
-    width: i64,
-    height: i64,
-}
-
-impl<'a> Around<'a> {
-    fn of(grid: SampleGrid<'a>) -> Option<Self> {
-        let Layout::Picture(width) = grid.layout else {
-            return None;
-        };
-        Some(Self {
-            seen: grid.solid_angles,
-            width: i64::from(width),
-            height: (grid.solid_angles.len() / width.max(1) as usize) as i64,
-        })
-    }
-
-    fn within(&self, i: usize, reach: i64) -> impl Iterator<Item = usize> + use<> {
-        let (x, y) = (i as i64 % self.width, i as i64 / self.width);
-        let (width, height) = (self.width, self.height);
-        let rows = (y - reach).max(0)..=(y + reach).min(height - 1);
-        rows.flat_map(move |v| {
-            ((x - reach).max(0)..=(x + reach).min(width - 1)).map(move |u| (v * width + u) as usize)
-        })
-    }
-
-    fn is_beside(&self, i: usize, k: usize) -> bool {
-        let apart = i.abs_diff(k);
-        apart == 1 || apart == self.width as usize
-    }
-
-    fn is_seen(&self, i: usize) -> bool {
-        self.seen[i] > 0.0
     }
 }
 
@@ -113,7 +78,8 @@ pub(super) struct Cone {
 }
 
 impl Cone {
-    pub const POINTS: usize = POINTS;
+    /// Number of [`Self::points`].
+    pub const POINTS: usize = 256;
 
     /// The cone through directions (unit vectors) on the edge of a lamp; `None` if there is none.
     pub fn through(points: &[Vec3]) -> Option<Self> {
@@ -145,12 +111,12 @@ impl Cone {
         })
     }
 
-    /// [`Self::POINTS`] directions that are evenly spread over it.
+    /// Directions that are evenly spread over it.
     pub fn points(&self) -> impl Iterator<Item = Vec3> {
         let (right, up) = tangent_frame(self.axis);
-        (0..POINTS).map(move |k| {
-            let (sin, cos) = (TAU * GOLDEN * k as f32).sin_cos();
-            let apart = self.radius * ((k as f32 + 0.5) / POINTS as f32).sqrt();
+        (0..Self::POINTS).map(move |k| {
+            let (sin, cos) = spiral(k);
+            let apart = self.radius * ((k as f32 + 0.5) / Self::POINTS as f32).sqrt();
             (self.axis + (right * cos + up * sin) * apart).normalize()
         })
     }

@@ -373,7 +373,7 @@ impl SampleGrid<'_> {
     }
 
     /// Calls `visit` for every sample within `reach` steps of `i`.
-    fn near(&self, i: u32, reach: i32, mut visit: impl FnMut(u32)) {
+    pub(super) fn near(&self, i: u32, reach: i32, mut visit: impl FnMut(u32)) {
         match self.layout {
             Layout::Picture(width) => {
                 let (x, y) = ((i % width) as i32, (i / width) as i32);

@@ -2,10 +2,10 @@
 //! what casts them, because it hides a part of the sky, too.
 
 use super::{SeenSurfaces, SurfacePoint};
-use crate::cube::tangent_frame;
+use crate::cube::{spiral, tangent_frame};
 use crate::light::Harmonics;
 use glam::{DVec3, Vec3};
-use std::f32::consts::{PI, TAU};
+use std::f32::consts::PI;
 
 /// Radiance of the phantom that is met in a direction (second argument) from an origin (world, metres);
 /// `None` where there is none.
@@ -15,8 +15,6 @@ pub type Occluders<'a> = dyn Fn(DVec3, DVec3) -> Option<Vec3> + 'a;
 const RAYS: usize = 24;
 /// Points from one that looks to the next, in rows and in columns: what they see changes slowly.
 const STEP: usize = 2;
-/// Fraction of a turn from one direction to the next (golden angle).
-const GOLDEN: f32 = 0.381_966;
 
 /// What a point receives from the sky and from phantoms in its place.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -85,7 +83,7 @@ fn look(point: &SurfacePoint, light: &Harmonics, occluders: &Occluders<'_>) -> O
     let (mut reflected, mut open, mut all) = (Vec3::ZERO, Vec3::ZERO, Vec3::ZERO);
     for k in 0..RAYS {
         let share = (k as f32 + 0.5) / RAYS as f32;
-        let (sin, cos) = (TAU * GOLDEN * k as f32).sin_cos();
+        let (sin, cos) = spiral(k);
         let across = (right * cos + up * sin) * share.sqrt();
         let towards = across + point.normal * (1.0 - share).sqrt();
         let radiance = light.radiance(towards).max(Vec3::splat(1e-9));
