@@ -41,6 +41,7 @@ pub fn box_chain(size: u32, texels: &[Vec3], towards_camera: Vec3) -> CubeMap {
         levels,
         phong,
         filtering: Filtering::Box,
+        ..CubeMap::default()
     }
 }
 

@@ -47,6 +47,8 @@ pub struct CubeMap {
     pub filtering: Filtering,
     /// Sources that levels from 1 on leave out, entirely or in part.
     pub compact_sources: Vec<CompactSourceSpecular>,
+    /// From where it was seen, world, metres, if that is known.
+    pub seen_from: Option<Vec3>,
 }
 
 /// Maximum number of sources, the strongest.

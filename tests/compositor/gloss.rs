@@ -1,7 +1,7 @@
 //! Glossy surfaces: against the CPU's look-ups, closed forms, and tilted planes.
 
 use crate::comparison::virtual_inside;
-use crate::stage::{Stage, cell, even_sky, lighting, looking_from, painted};
+use crate::stage::{Stage, cell, even_sky, flat, lighting, looking_from, painted};
 use glam::{DMat4, DQuat, DVec2, DVec3, Vec3};
 use penumbra_camera::Response;
 use penumbra_lighting::box_chain::{box_chain, box_level};
@@ -125,6 +125,67 @@ fn gpu_lobes_match_the_cpu() {
         });
         assert!(worst <= 5 && mean < 0.9, "{family:?} {p}: {worst} {mean}");
     }
+}
+
+#[test]
+fn pixels_with_several_samples_show_what_their_centres_reflect() {
+    let map = Prefilter::new(64).apply(&sky(64));
+    let material = metal(0.1);
+    let (family, p) = lobe(&material);
+    let levels = Levels::new(family, map.size, map.levels.len());
+    // Its triangles are smaller than pixels, so that many pixels show several.
+    let mut stage = sphere(material).lit(mirrored_only(map.clone()));
+    stage.settings.samples = 4;
+    let picture = stage.compose();
+    stage.settings.samples = 1;
+    let (worst, mean) = differences(&stage, &picture, |n, v| {
+        let r = family.response(n.dot(v), p);
+        let d = tilted(n * (2.0 * n.dot(v)) - v, n, r.tilt);
+        let light = gathered(&map, family, levels.level(r.width), d);
+        light * (SPECULAR * r.scale + r.bias)
+    });
+    assert!(worst <= 18 && mean < 0.4, "{worst} {mean}");
+}
+
+#[test]
+fn surface_that_faces_the_ground_shows_the_ground_alone() {
+    // Steep below the horizon, where neither the row of a long lobe nor one look-up is exact.
+    let peak = |d: Vec3| (-d.z).max(0.0).powi(12);
+    shows_the_ground_alone(&|d| 0.2 + 8.0 * peak(d));
+    shows_the_ground_alone(&|d| 8.2 - 8.0 * peak(d));
+}
+
+/// Checks what a metal ball mirrors of even ground in an environment.
+fn shows_the_ground_alone(environment: &dyn Fn(Vec3) -> f32) {
+    let grid = CubeGrid::new(64);
+    let texels: Vec<Vec3> = (grid.directions.iter())
+        .map(|d| Vec3::splat(environment(*d)))
+        .collect();
+    let map = Prefilter::new(64).apply(&texels);
+    let material = metal(0.22);
+    let ball = primitives::sphere(0.1, 192, 96);
+    let ball = painted(ball, DVec3::new(0.0, 0.0, 0.14), material.clone());
+    let mut stage = Stage::new(96, 72)
+        .with_virtual(ball)
+        .lit(mirrored_only(map));
+    stage.picture = flat(96, 72, [100; 3]);
+    let ground = stage.response.linear_from_rgb([100; 3])[0];
+    let picture = stage.compose();
+    let (family, p) = lobe(&material);
+    let mut count = 0;
+    for ((x, y), n, v) in seen(&stage) {
+        let mirrored = n * (2.0 * n.dot(v)) - v;
+        // What lies before the camera is beside its picture.
+        if mirrored.z > -0.8 || mirrored.y < -0.5 || n.dot(v) < 0.3 {
+            continue;
+        }
+        let r = family.response(n.dot(v), p);
+        let light = ground * (SPECULAR * r.scale + r.bias);
+        let off = (linear(&picture, x, y) - light).abs().max_element();
+        assert!(off < 0.05 * light.max_element(), "{x} {y}: {off}");
+        count += 1;
+    }
+    assert!(count > 50, "{count}");
 }
 
 /// A map of [`sky`] from which the entire window is separated as a compact source at `place`.

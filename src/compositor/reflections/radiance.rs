@@ -12,6 +12,9 @@ use penumbra_scene::IndirectLight;
 use penumbra_scene::indirect_light::side_of;
 use std::f32::consts::PI;
 
+/// Width of the lobe, as GGX's α, by which the environment camera's view of the ground is blurred.
+const GROUND_WIDTH: f32 = 0.02;
+
 /// The light of a frame.
 pub struct NearbyLight<'a> {
     lighting: &'a Lighting,
@@ -99,12 +102,21 @@ impl<'a> NearbyLight<'a> {
                 Vec3::from(self.response.linear_from_rgb(codes)) / brightness as f32
             })
         });
-        colour.unwrap_or(self.lighting.ground_radiance) * self.ground_share(p)
+        colour.unwrap_or_else(|| self.ground_of_environment(p)) * self.ground_share(p)
     }
 
-    /// Mean radiance of the ground, with the shadows of virtual objects.
-    pub fn mean_ground(&self, p: Vec3) -> Vec3 {
-        self.lighting.ground_radiance * self.ground_share(p)
+    /// Radiance of the ground where the camera does not see it, with the shadows of virtual objects.
+    pub fn hidden_ground(&self, p: Vec3) -> Vec3 {
+        self.ground_of_environment(p) * self.ground_share(p)
+    }
+
+    /// Radiance of the ground as the environment camera sees that place, else the mean.
+    fn ground_of_environment(&self, p: Vec3) -> Vec3 {
+        let towards = self.lighting.radiance.seen_from.map(|eye| p - eye);
+        let towards = towards.and_then(|to| to.try_normalize().filter(|to| to.z < 0.0));
+        towards.map_or(self.lighting.ground_radiance, |to| {
+            self.sky(p, to, GROUND_WIDTH, 0.0)
+        })
     }
 
     /// Share of the ground's light that remains in the shadows of virtual objects.

@@ -23,7 +23,7 @@ const ROWS: usize = PACKET[1];
 /// Rows of pixels that it takes at a time.
 const PIXEL_ROWS: usize = 4;
 /// Rays for a lobe at a pixel that mirrors several things, ...
-const RAYS: usize = 12;
+const RAYS: usize = 24;
 /// ... and at a point of a lattice that stands for several pixels, or an outline.
 const FEW_RAYS: usize = 3;
 
@@ -287,33 +287,29 @@ impl Work<'_> {
         let covered = &self.tiles.covered[tile_row + left..];
         texels.fill(NOTHING);
         let LobeRays { few, many, .. } = self.rays;
-        let kinds = [(few, true), (few, false), (many, false)];
-        let mut waiting = kinds.map(|(slopes, is_outline)| Waiting::new(slopes, is_outline));
+        let mut waiting = AllWaiting {
+            outlines: Waiting::new(few, true),
+            curves: Waiting::new(few, false),
+            several: Waiting::new(many, false),
+        };
         for x in (0..across).filter(|x| covered[x / side] != 0) {
             for y in 0..PIXEL_ROWS {
                 let own = y * across + x;
-                let waiting = match self.between(lattice, across, (x, first + y)) {
+                let of_kind = match self.between(lattice, across, (x, first + y)) {
                     Between::Known(found) => {
                         texels[own] = packed(&found);
                         continue;
                     }
-                    Between::Outline => &mut waiting[0],
-                    Between::Curve => &mut waiting[1],
-                    Between::Reflections => &mut waiting[2],
+                    Between::Outline => &mut waiting.outlines,
+                    Between::Curve => &mut waiting.curves,
+                    Between::Reflections => &mut waiting.several,
                 };
                 let row = top * side + first + y;
-                let pixel = Vec2::new((left * side + x) as f32, row as f32);
-                waiting.pixels[waiting.count] = pixel;
-                waiting.texels[waiting.count] = own;
-                waiting.count += 1;
-                if waiting.count == LANES {
-                    self.trace_waiting(waiting, texels);
-                }
+                of_kind.push(Vec2::new((left * side + x) as f32, row as f32), own);
+                self.trace_waiting(&mut waiting, LANES, texels);
             }
         }
-        for waiting in &mut waiting {
-            self.trace_waiting(waiting, texels);
-        }
+        self.trace_waiting(&mut waiting, 1, texels);
     }
 
     /// What the lattice tells of a pixel of the rectangle.
@@ -338,24 +334,55 @@ impl Work<'_> {
         Nearby::between(corners, weights)
     }
 
-    fn trace_waiting(&self, waiting: &mut Waiting<'_>, texels: &mut [Texel]) {
-        let count = std::mem::take(&mut waiting.count);
-        if count == 0 {
-            return;
+    /// Traces pixels of each kind of which at least `count` wait.
+    fn trace_waiting(&self, waiting: &mut AllWaiting<'_>, count: usize, texels: &mut [Texel]) {
+        let AllWaiting {
+            outlines,
+            curves,
+            several,
+        } = waiting;
+        if curves.count >= count {
+            let found = self.trace_all(curves);
+            for (k, found) in found.iter().enumerate().take(curves.count) {
+                if found.open == 1.0 {
+                    texels[curves.texels[k]] = packed(found);
+                    continue;
+                }
+                // A few rays do not tell what else such a surface shows.
+                several.push(curves.pixels[k], curves.texels[k]);
+                if several.count == LANES {
+                    self.fill_texels(several, texels);
+                }
+            }
+            curves.count = 0;
         }
-        let last = waiting.pixels[count - 1];
-        waiting.pixels[count..].fill(last);
+        for waiting in [outlines, several] {
+            if waiting.count >= count {
+                self.fill_texels(waiting, texels);
+            }
+        }
+    }
+
+    fn fill_texels(&self, waiting: &mut Waiting<'_>, texels: &mut [Texel]) {
+        let found = self.trace_all(waiting);
+        for (found, texel) in found.iter().zip(&waiting.texels[..waiting.count]) {
+            texels[*texel] = packed(found);
+        }
+        waiting.count = 0;
+    }
+
+    /// What the pixels that wait mirror; there must be one.
+    fn trace_all(&self, waiting: &Waiting<'_>) -> [Nearby; LANES] {
+        let mut pixels = waiting.pixels;
+        pixels[waiting.count..].fill(waiting.pixels[waiting.count - 1]);
         let lobes = Lobes {
             fixed: waiting.slopes,
             soft: None,
         };
-        let found = if waiting.is_outline {
-            self.tracer.trace_outlines(lobes, waiting.pixels)
+        if waiting.is_outline {
+            self.tracer.trace_outlines(lobes, pixels)
         } else {
-            self.tracer.trace_smoothly(lobes, waiting.pixels)
-        };
-        for (found, texel) in found.iter().zip(&waiting.texels[..count]) {
-            texels[*texel] = packed(found);
+            self.tracer.trace_smoothly(lobes, pixels)
         }
     }
 }
@@ -385,6 +412,14 @@ fn at_pixel(lattice: &[Nearby], across: usize, (x, y): (usize, usize)) -> Betwee
     }
 }
 
+/// Pixels that have rays of their own, by what lies between the points of the lattice around them.
+struct AllWaiting<'a> {
+    outlines: Waiting<'a>,
+    curves: Waiting<'a>,
+    /// Those that mirror several things.
+    several: Waiting<'a>,
+}
+
 /// Pixels that are traced together, and their texels.
 struct Waiting<'a> {
     /// Of their rays.
@@ -404,6 +439,12 @@ impl<'a> Waiting<'a> {
             texels: [0; LANES],
             count: 0,
         }
+    }
+
+    const fn push(&mut self, pixel: Vec2, texel: usize) {
+        self.pixels[self.count] = pixel;
+        self.texels[self.count] = texel;
+        self.count += 1;
     }
 }
 
@@ -494,7 +535,83 @@ fn picture(device: &Device, size: (u32, u32)) -> FrameTexture {
 
 #[cfg(test)]
 mod tests {
+    use super::super::trace::tests::traced;
     use super::*;
+    use penumbra_scene::{Material, Part, Scene, primitives};
+    use std::sync::Arc;
+
+    /// A metal ball seven pixels wide about the point that the camera looks at, beside a box.
+    fn ball_beside_a_box() -> Scene {
+        let part = |mesh, at: Vec3, metallic, roughness| Part {
+            name: "part".to_owned(),
+            mesh: Arc::new(mesh),
+            material: Arc::new(Material {
+                metallic,
+                roughness,
+                ..Material::default()
+            }),
+            world_from_part: DMat4::from_translation(at.as_dvec3()),
+            mirror: false,
+            albedo: None,
+        };
+        let size = Vec3::new(0.05, 0.1, 0.1);
+        let (ball, body) = (primitives::sphere(0.03, 64, 32), primitives::cuboid(size));
+        Scene {
+            virtual_parts: vec![
+                part(ball, Vec3::ZERO, 1.0, 0.2),
+                part(body, Vec3::new(0.07, 0.0, 0.0), 0.0, 1.0),
+            ],
+            ..Scene::default()
+        }
+    }
+
+    #[test]
+    fn curved_surface_that_shows_more_than_the_sky_gets_many_rays() {
+        let side = TILE as usize;
+        let rays = LobeRays::new(FEW_RAYS);
+        // The ball is in the middle of the camera's 200 pixels.
+        let first = 2 * side;
+        traced(&ball_beside_a_box(), |tracer| {
+            let work = Work {
+                tracer,
+                tiles: ReflectionTiles {
+                    covered: &[1; 49],
+                    across: 7,
+                    rectangle: [2; 4],
+                },
+                step: 2,
+                rays: &rays,
+            };
+            let across = 2 * side;
+            let mut lattice = vec![Nearby::NOTHING; across * across / 4];
+            for (number, strip) in lattice.chunks_exact_mut(ROWS * across / 2).enumerate() {
+                work.trace(number, strip);
+            }
+            let mut texels = vec![NOTHING; across * across];
+            for (number, strip) in texels.chunks_exact_mut(PIXEL_ROWS * across).enumerate() {
+                work.fill(&lattice, number, strip);
+            }
+            let with = |slopes: &[Vec2], x: usize, y: usize| {
+                let lobes = Lobes {
+                    fixed: slopes,
+                    soft: None,
+                };
+                let pixel = Vec2::new((first + x) as f32, (first + y) as f32);
+                work.tracer.trace_smoothly(lobes, [pixel; LANES])[0]
+            };
+            let mut count = [0; 2];
+            for (x, y) in (0..across).flat_map(|y| (0..across).map(move |x| (x, y))) {
+                if matches!(work.between(&lattice, across, (x, y)), Between::Curve) {
+                    let few = with(&rays.few, x, y);
+                    let is_sky = few.open == 1.0;
+                    let expected = if is_sky { few } else { with(&rays.many, x, y) };
+                    assert_eq!(texels[y * across + x], packed(&expected), "{x} {y}");
+                    count[usize::from(is_sky)] += 1;
+                }
+            }
+            assert!(count.iter().all(|count| *count > 5), "{count:?}");
+        });
+    }
 
     #[test]
     fn soft_points_divide_a_lobe_between_them() {

@@ -359,7 +359,7 @@ impl<'t> Tracer<'t> {
             let towards = lane_of(&to_eye.rays.direction, lane);
             let Some(met) = &found[lane] else {
                 if hidden[lane] {
-                    mirror.sum.light += self.light.mean_ground(point);
+                    mirror.sum.light += self.light.hidden_ground(point);
                 } else {
                     mirror.sum.open += 1.0;
                 }
@@ -529,4 +529,4 @@ fn lane_of(vectors: &[Lanes; 3], lane: usize) -> Vec3 {
 }
 
 #[cfg(test)]
-mod tests;
+pub mod tests;

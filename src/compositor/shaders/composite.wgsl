@@ -184,6 +184,8 @@ const METAL_TAPS = 3;
 const METAL = 0.2;
 // Least slope of a direction that is followed to the ground.
 const LEAST_SLOPE = 0.01;
+// Share of a lobe above the horizon up to which it counts in part.
+const PARTLY = 0.1;
 // Share of a lobe that is neglected.
 const NEGLECTED = 0.03;
 
@@ -248,7 +250,9 @@ fn reflected(world: vec3f, d: vec3f, far: FarLobe, gloss: Gloss) -> vec3f {
     let beneath = vec3f(world.xy, frame.params.y);
     let unseen = replaced * brighter(foot, beneath) * ground_share(foot);
     let ground = seen.rgb + unseen * (1.0 - seen.a);
-    return max(far.radiance + below * (ground - replaced), vec3f(0.0));
+    // Where all of a lobe is below, nothing is left of the difference of two look-ups.
+    let above = max(far.radiance - below * replaced, vec3f(0.0)) * min((1.0 - below) / PARTLY, 1.0);
+    return above + below * ground;
 }
 
 // The same as SPREAD for what stands close by: half as much, because the places of a lobe's rays are
@@ -289,7 +293,8 @@ fn bounce(world: vec3f, n: vec3f) -> vec3f {
     return share * (PI / 3.0 * near - sky_irradiance(vec3f(0.0, 0.0, -1.0)));
 }
 
-fn shade(pixel: vec2i, s: i32, own: bool) -> vec3f {
+// `at` is where in the picture its reflection is looked up.
+fn shade(pixel: vec2i, s: i32, own: bool, at: vec2f) -> vec3f {
     let shape = textureLoad(virtual_shape, pixel, s);
     let material = textureLoad(virtual_material, pixel, s);
     let base = base_colour(shape);
@@ -317,7 +322,7 @@ fn shade(pixel: vec2i, s: i32, own: bool) -> vec3f {
     var mirrored = reflected(world, d, far, gloss);
     var open = 1.0;
     if NEARBY {
-        let near = nearby_at(sample_position(pixel, s), frame.eye.w / depth);
+        let near = nearby_at(at, frame.eye.w / depth);
         mirrored = mirrored_light(mirrored, near, gloss);
         open = near.open;
     }
@@ -462,7 +467,7 @@ fn background_by_edge(@builtin(position) position: vec4f) -> Background {
 @fragment
 fn interior(@builtin(position) position: vec4f) -> @location(0) vec4f {
     let pixel = vec2i(position.xy);
-    return encoded(in_exposure(shade(pixel, 0, true)) * brightness_at(vec2f(pixel)));
+    return encoded(in_exposure(shade(pixel, 0, true, vec2f(pixel))) * brightness_at(vec2f(pixel)));
 }
 
 // Share of a pixel's samples that show something virtual.
@@ -535,7 +540,7 @@ fn outline(@builtin(position) position: vec4f) -> @location(0) vec4f {
             let is_left = (left >> u32(s) & 1u) != 0u;
             same |= select(0u, 1u << u32(s), is_left & same_surface(pixel, first, s));
         }
-        let shown = in_exposure(shade(pixel, first, first == pixel_sample)) * brightness_at(vec2f(pixel));
+        let shown = in_exposure(shade(pixel, first, first == pixel_sample, sample_position(pixel, first))) * brightness_at(vec2f(pixel));
         linear += shown * (f32(countOneBits(same)) * each);
         left &= ~same;
         continuing {

@@ -26,11 +26,12 @@ struct VirtualPart {
 @group(2) @binding(4) var occlusion_map: texture_2d<f32>;
 @group(2) @binding(5) var emissive_map: texture_2d<f32>;
 
-// Centroid: a partly covered pixel takes the normal within the triangle. At the pixel's centre,
-// beyond the outline, the extrapolated normal would face away from the camera.
+// Centroid: a pixel that a triangle covers partly takes a place within it. At the pixel's centre, beyond an
+// outline, the extrapolated normal would face away from the camera; everywhere else it counts.
 struct Varying {
     @builtin(position) position: vec4f,
     @location(0) @interpolate(perspective, centroid) normal: vec3f,
+    @location(6) @interpolate(perspective, center) normal_at_centre: vec3f,
     @location(1) @interpolate(perspective, centroid) uv: vec2f,
     @location(2) @interpolate(perspective, centroid) tangent: vec4f,
     IF_CACHED @location(4) @interpolate(perspective, centroid) cache_at: vec2f,
@@ -53,6 +54,7 @@ fn virtual_vertex(
     var out: Varying;
     out.position = clip_of(world);
     out.normal = n;
+    out.normal_at_centre = n;
     out.uv = uv;
     out.tangent = vec4f(t, side);
     IF_CACHED out.cache_at = cache_at;
@@ -64,6 +66,7 @@ fn virtual_vertex(
 struct PlainVarying {
     @builtin(position) position: vec4f,
     @location(0) @interpolate(perspective, centroid) normal: vec3f,
+    @location(6) @interpolate(perspective, center) normal_at_centre: vec3f,
     IF_CACHED @location(2) @interpolate(perspective, centroid) cache_at: vec2f,
     IF_CACHED @location(3) @interpolate(flat) cache_chart: vec4u,
 }
@@ -80,6 +83,7 @@ fn plain_vertex(
     var out: PlainVarying;
     out.position = clip_of(world);
     out.normal = n;
+    out.normal_at_centre = n;
     IF_CACHED out.cache_at = cache_at;
     IF_CACHED out.cache_chart = cache_chart;
     return out;
@@ -96,8 +100,21 @@ fn occluder_vertex(@location(0) world: vec3f) -> @builtin(position) vec4f {
     return clip_of(vec4f(world, 1.0));
 }
 
-fn mapped_normal(in: Varying, scale: f32) -> vec3f {
-    let n = normalize(in.normal);
+// Least cosine between a triangle's normals within it and at the centre of a pixel that it covers partly,
+// where the latter counts.
+const LIKE = 0.8;
+
+// The normal at the centre of a pixel, where the rays of `reflections` start, or `within` the triangle
+// beyond outlines.
+fn normal_of(centre: vec3f, within: vec3f, position: vec2f, front: bool) -> vec3f {
+    let there = normalize(centre);
+    let n = normalize(within);
+    let towards = dot(there, ray_through(position - vec2f(0.5)));
+    let faces = select(towards, -towards, front) > 0.0;
+    return select(n, there, faces & (dot(there, n) > LIKE));
+}
+
+fn mapped_normal(in: Varying, n: vec3f, scale: f32) -> vec3f {
     let t = normalize(in.tangent.xyz - n * dot(n, in.tangent.xyz));
     let b = cross(n, t) * in.tangent.w;
     let m = textureSample(normal_map, surface_sampler, in.uv).xyz * 2.0 - 1.0;
@@ -112,7 +129,8 @@ fn virtual_fragment(in: Varying, @builtin(front_facing) front: bool) -> PackedSu
     let mr = textureSample(metallic_roughness_map, surface_sampler, in.uv);
     let occlusion = textureSample(occlusion_map, surface_sampler, in.uv).r;
     let emissive = part.emissive.rgb * textureSample(emissive_map, surface_sampler, in.uv).rgb;
-    var n = mapped_normal(in, part.emissive.w);
+    let smooth_normal = normal_of(in.normal_at_centre, in.normal, in.position.xy, front);
+    var n = mapped_normal(in, smooth_normal, part.emissive.w);
     if base.a < part.surface.w {
         discard;
     }
@@ -129,7 +147,7 @@ fn virtual_fragment(in: Varying, @builtin(front_facing) front: bool) -> PackedSu
 
 @fragment
 fn plain_fragment(in: PlainVarying, @builtin(front_facing) front: bool) -> PackedSurface {
-    let n = normalize(in.normal);
+    let n = normal_of(in.normal_at_centre, in.normal, in.position.xy, front);
     let phong = part.phong.w >= 0.0;
     let kind = select(METALLIC_ROUGHNESS, phong_kind(1.0), phong);
     let shape = packed_shape(part.base_colour.rgb, select(-n, n, front), kind);

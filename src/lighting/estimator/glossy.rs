@@ -76,7 +76,7 @@ impl EnvironmentEstimator {
         sources: &[(Vec3, LightPlace)],
         input: &EnvironmentInput,
     ) -> CubeMap {
-        match self.settings.filtering {
+        let map = match self.settings.filtering {
             Filtering::Prefiltered => {
                 let widths: Vec<_> = widths(self.grid.size, level_count(self.grid.size)).collect();
                 let excesses = excesses(&self.grid, full, without, sources, &widths);
@@ -90,6 +90,10 @@ impl EnvironmentEstimator {
                     .map_or(Vec3::Z, |scene| towards(scene).as_vec3());
                 box_chain(self.grid.size, full, axis)
             }
+        };
+        CubeMap {
+            seen_from: self.observer().map(|observer| observer.as_vec3()),
+            ..map
         }
     }
 }

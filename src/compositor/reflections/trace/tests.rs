@@ -60,9 +60,13 @@ fn pose() -> RigidTransform {
     RigidTransform::new(DQuat::from_mat3(&axes), EYE.as_dvec3())
 }
 
-/// What the surface mirrors at each of `points`, under a sky of radiance 1 and with phantoms of
-/// radiance 0.25.
-fn mirrored(scene: &Scene, rays: usize, points: &[Vec3]) -> Vec<Nearby> {
+/// Calls `with` with what traces a scene under a sky of radiance 1, with phantoms of radiance 0.25.
+pub fn traced<T>(scene: &Scene, with: impl FnOnce(Tracer<'_>) -> T) -> T {
+    traced_from(None, scene, with)
+}
+
+/// The same, with an environment that was seen from a place.
+fn traced_from<T>(seen_from: Option<Vec3>, scene: &Scene, with: impl FnOnce(Tracer<'_>) -> T) -> T {
     let (camera, pose) = (camera(), pose());
     let picture = Picture {
         width: 200,
@@ -75,6 +79,7 @@ fn mirrored(scene: &Scene, rays: usize, points: &[Vec3]) -> Vec<Nearby> {
         radiance: Arc::new(CubeMap {
             size: 1,
             levels: vec![vec![[1.0; 3]; 6]],
+            seen_from,
             ..CubeMap::default()
         }),
         irradiance: Harmonics::default(),
@@ -97,25 +102,30 @@ fn mirrored(scene: &Scene, rays: usize, points: &[Vec3]) -> Vec<Nearby> {
         ..FrameInput::new(&picture, &camera)
     };
     let response = Response::srgb();
-    let tracer = Tracer {
+    with(Tracer {
         scene: &NearbyScene::new(scene).expect("glossy"),
         light: NearbyLight::new(&input, &response).expect("lit"),
         view: View::new(&camera, pose),
         spacing: 0.002,
-    };
+    })
+}
+
+/// What the surface mirrors at each of `points`.
+fn mirrored(scene: &Scene, rays: usize, points: &[Vec3]) -> Vec<Nearby> {
     let fixed = slopes(rays);
     let lobes = Lobes {
         fixed: &fixed,
         soft: None,
     };
+    let (camera, pose) = (camera(), pose());
     let pixel = |p: &Vec3| {
         let own = pose.inverse().transform_point(p.as_dvec3());
         camera.project(own).expect("in front").as_vec2()
     };
-    points
-        .iter()
-        .map(|p| tracer.trace(lobes, [pixel(p); LANES])[LANES - 1])
-        .collect()
+    let at = |tracer: &Tracer<'_>, p| tracer.trace(lobes, [pixel(p); LANES])[LANES - 1];
+    traced(scene, |tracer| {
+        points.iter().map(|p| at(&tracer, p)).collect()
+    })
 }
 
 /// The point of the level mirror in which `p` appears.
@@ -316,4 +326,15 @@ fn an_outline_is_the_mean_of_the_nearest_surface_alone() {
         (Vec3::splat(2.0), 0.75, 0.5)
     );
     assert_eq!(OutlineMean::default().mean(), Nearby::NOTHING);
+}
+
+#[test]
+fn ground_that_the_camera_does_not_see_is_as_the_environment_camera_saw_it() {
+    let scene = scene(vec![level_mirror()], Vec::new());
+    let at = |seen_from, p| traced_from(seen_from, &scene, |t| t.light.hidden_ground(p));
+    // The environment is 1 all around, the mean of the ground 0.5.
+    assert_eq!(at(Some(EYE), Vec3::ZERO), Vec3::ONE);
+    assert_eq!(at(None, Vec3::ZERO), Vec3::splat(0.5));
+    let above = EYE + Vec3::Z;
+    assert_eq!(at(Some(EYE), above), Vec3::splat(0.5));
 }
