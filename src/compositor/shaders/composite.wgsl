@@ -293,7 +293,7 @@ fn bounce(world: vec3f, n: vec3f) -> vec3f {
     return share * (PI / 3.0 * near - sky_irradiance(vec3f(0.0, 0.0, -1.0)));
 }
 
-// `at` is where in the picture its reflection is looked up.
+// `at` is the place in the picture from which it is seen: within a surface the centre of the pixel, whose normal it has.
 fn shade(pixel: vec2i, s: i32, own: bool, at: vec2f) -> vec3f {
     let shape = textureLoad(virtual_shape, pixel, s);
     let material = textureLoad(virtual_material, pixel, s);
@@ -302,7 +302,7 @@ fn shade(pixel: vec2i, s: i32, own: bool, at: vec2f) -> vec3f {
     let n = normal_from_octahedron(octahedron(shape));
     let depth = textureLoad(virtual_depth, pixel, s);
     let world = world_at(sample_position(pixel, s), depth);
-    let v = normalize(frame.eye.xyz - world);
+    let v = -normalize(ray_through(at));
     let n_dot_v = clamp(dot(n, v), 0.02, 1.0);
     let gloss = gloss_of(shape, properties, base);
 
