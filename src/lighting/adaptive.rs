@@ -4,6 +4,7 @@
 use super::cells::Cells;
 use super::cube::CubeGrid;
 use super::geodesic::FaceSource;
+use super::lamp_distance::UnseenLamp;
 use super::light::{DomeLight, LightKind};
 use super::place::{LampDistance, LightPlace, Viewpoints};
 use super::sources::{LUMINANCE, Source};
@@ -40,6 +41,25 @@ pub struct CompactSource {
     pub clipped: f32,
     /// Number of dome lights that represent it.
     pub lights: usize,
+    /// Whether the observer does not see it: real shadows show it.
+    pub is_unseen: bool,
+}
+
+impl CompactSource {
+    /// A lamp that the observer does not see.
+    pub(super) const fn of_unseen(lamp: &UnseenLamp) -> Self {
+        Self {
+            id: 0,
+            direction: lamp.direction,
+            irradiance: lamp.irradiance,
+            angular_radius: lamp.angular_radius,
+            distance: lamp.distance,
+            position: None,
+            clipped: 0.0,
+            lights: 0,
+            is_unseen: true,
+        }
+    }
 }
 
 /// The owner of a slot of the dome.
@@ -139,6 +159,7 @@ impl AdaptiveDome {
                 position: None,
                 clipped: s.clipped,
                 lights: s.lights,
+                is_unseen: s.is_unseen,
             })
             .collect()
     }

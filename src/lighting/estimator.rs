@@ -8,6 +8,7 @@ use super::equirect::Equirect;
 use super::half_hidden::complete;
 use super::harmonics::{HarmonicsTable, blurred, pin_upward};
 use super::hdr::{Bracket, BracketMerger, scales};
+use super::lamp_distance::UnseenLamp;
 use super::light::{DomeLight, Harmonics, Lighting};
 use super::memory::RadianceAccumulator;
 use super::place::{LampDistance, Viewpoints};
@@ -87,6 +88,7 @@ pub struct EnvironmentEstimator {
     last_sphere: LastSphere,
     reference: DVec3,
     raised: RaisedSources,
+    unseen: Vec<UnseenLamp>,
     generation: u64,
     /// Ratio of the clipped pixels' brightness to white, estimated from the scene's shadows.
     shadow_factor: Option<f32>,
@@ -178,6 +180,7 @@ impl EnvironmentEstimator {
             last_sphere: LastSphere::default(),
             reference: DVec3::ZERO,
             raised: RaisedSources::default(),
+            unseen: Vec::new(),
             generation: 0,
             shadow_factor: None,
             neighbours: grid.neighbours(),
@@ -231,6 +234,15 @@ impl EnvironmentEstimator {
         self.raised.set(factors);
     }
 
+    /// Sets the lamps that the observer does not see; they hold from the next update on, with
+    /// [`LightPlacement::Adaptive`].
+    pub fn set_unseen(&mut self, lamps: impl IntoIterator<Item = UnseenLamp>) {
+        self.unseen.clear();
+        if self.settings.placement == LightPlacement::Adaptive {
+            self.unseen.extend(lamps);
+        }
+    }
+
     /// Returns the point from which the environment is seen, world, metres; `None` while a sphere
     /// in the scene has not been seen, and for a stated map.
     #[must_use]
@@ -262,11 +274,14 @@ impl EnvironmentEstimator {
         self.stages.begin();
         let mut brackets = input.brackets.to_vec();
         brackets.sort_by(|a, b| b.ev.total_cmp(&a.ev));
-        let (sources, residual, full) = match self.placed {
+        let (mut sources, residual, full) = match self.placed {
             View::Fixed(_) => self.observe_fixed(&brackets, input)?,
             View::Moving(_) => self.observe_moving(&brackets, input)?,
             View::Stated(_) => self.observe_stated(),
         };
+        let to_environment = input.gains.inverse();
+        let unseen = self.unseen.iter();
+        sources.extend(unseen.map(|lamp| Source::of_unseen(lamp, to_environment)));
         Ok(Arc::new(self.light(&sources, residual, full, input)))
     }
 
@@ -360,7 +375,8 @@ impl EnvironmentEstimator {
             .ground_radiance
             .unwrap_or_else(|| self.reflected_by_ground(sources, &residual, &around, input.gains));
         let residual = self.filled(&residual, &around, ground_radiance);
-        let full = self.filled(&full, &around, ground_radiance);
+        let mut full = self.filled(&full, &around, ground_radiance);
+        self.add_hidden(&mut full, sources, input.gains);
         self.stages.done("fill");
         let fine = shrink(self.grid.size, &residual);
         let directions = match &self.placed {
@@ -426,6 +442,14 @@ impl EnvironmentEstimator {
         let on_ground = |s: &Source| gains * s.flux * s.direction.z.max(0.0);
         let irradiance = sources.iter().map(on_ground).sum::<Vec3>() + seen;
         irradiance * (self.settings.fallback_ground_albedo / std::f32::consts::PI)
+    }
+
+    /// Adds what something hides of the sources to a complete sphere, scene camera units.
+    fn add_hidden(&self, texels: &mut [Vec3], sources: &[Source], gains: Mat3) {
+        for (direction, flux) in sources.iter().flat_map(|s| &s.hidden) {
+            let i = texel_of(self.grid.size, *direction);
+            texels[i] += gains * *flux / self.grid.solid_angles[i];
+        }
     }
 
     fn to_scene_units(&self, texels: &mut [Vec3], gains: Mat3) {

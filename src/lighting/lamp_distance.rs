@@ -21,10 +21,12 @@ mod energy;
 mod faces;
 mod openness;
 mod search;
+mod unseen;
 
 pub use agreement::SurfaceAgreement;
 pub use energy::Colour;
 pub use openness::Occluders;
+pub use unseen::{Hiding, UnseenLamp};
 
 use super::adaptive::CompactSource;
 use super::light::Harmonics;

@@ -6,12 +6,18 @@
 //! has no edge and stays in the cells of the dome.
 
 use super::clipped::RaisedSources;
+use super::lamp_distance::UnseenLamp;
+use super::place::LampDistance;
 use super::resample::PixelDirections;
 use super::round::{Cone, Edge};
-use glam::Vec3;
+use glam::{Mat3, Vec3};
+use std::f32::consts::PI;
 
 /// Rec.709 luminance weights.
 pub const LUMINANCE: Vec3 = Vec3::new(0.2126, 0.7152, 0.0722);
+
+/// Parts of a lamp that is not seen.
+const UNSEEN_PARTS: usize = 256;
 
 /// Criteria of a compact source.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -84,9 +90,28 @@ pub struct Source {
     /// Directions (unit vectors) in which something hides it, and the light above the background, as of
     /// `parts`, that comes from there.
     pub hidden: Vec<(Vec3, Vec3)>,
+    /// The distance of a lamp that is not seen at all; `None` for all others.
+    pub unseen: Option<LampDistance>,
 }
 
 impl Source {
+    /// A lamp that is not seen; `environment_from_scene` converts its light to the environment camera's units.
+    pub(super) fn of_unseen(lamp: &UnseenLamp, environment_from_scene: Mat3) -> Self {
+        let flux = environment_from_scene * lamp.irradiance;
+        let part = flux / UNSEEN_PARTS as f32;
+        Self {
+            parts: Vec::new(),
+            background: Vec3::ZERO,
+            direction: lamp.direction,
+            flux,
+            solid_angle: PI * lamp.angular_radius.powi(2),
+            clipped: 0.0,
+            shift: Vec3::ZERO,
+            hidden: lamp.points(UNSEEN_PARTS).map(|d| (d, part)).collect(),
+            unseen: Some(lamp.distance),
+        }
+    }
+
     /// Notes which of its samples are `clipped`, ascending numbers.
     pub(super) fn note_clipped(&mut self, clipped: &[u32]) {
         let light = |(_, flux): &&(u32, Vec3)| flux.dot(LUMINANCE);
@@ -360,6 +385,7 @@ fn measure(
         clipped: 0.0,
         shift: Vec3::ZERO,
         hidden: Vec::new(),
+        unseen: None,
     }
 }
 
@@ -482,13 +508,13 @@ mod tests {
         let found = find(&grid, &texels);
         assert_eq!(found.len(), 1, "{found:?}");
         assert!(found[0].direction.angle_between(sun) < 0.01);
-        let expected = 500.0 * std::f32::consts::PI * 0.04 * 0.04;
+        let expected = 500.0 * PI * 0.04 * 0.04;
         assert!(
             (found[0].flux.x / expected - 1.0).abs() < 0.12,
             "{}",
             found[0].flux.x / expected
         );
-        assert!(found[0].solid_angle < 2.0 * std::f32::consts::PI * 0.04 * 0.04);
+        assert!(found[0].solid_angle < 2.0 * PI * 0.04 * 0.04);
     }
 
     #[test]

@@ -30,6 +30,8 @@ pub(super) struct TrackedSource {
     pub distance: LampDistance,
     /// Share of its light in clipped pixels.
     pub clipped: f32,
+    /// Whether it is not seen, but known from its shadows.
+    pub is_unseen: bool,
     /// Number of dome lights into which it is split; 0 = not planned yet.
     pub lights: usize,
     /// First tangent vector, transported with the source, so that the pattern of lights moves with
@@ -49,6 +51,7 @@ impl TrackedSource {
             solid_angle: 0.0,
             distance: LampDistance::FAR,
             clipped: 0.0,
+            is_unseen: source.unseen.is_some(),
             lights: 0,
             axis: tangent_frame(source.direction).0,
             cuts: Vec::new(),
@@ -63,6 +66,7 @@ impl TrackedSource {
         self.flux = gains * source.flux;
         self.solid_angle = source.solid_angle;
         self.clipped = source.clipped;
+        self.distance = source.unseen.unwrap_or(self.distance);
         let across = self.axis - self.direction * self.axis.dot(self.direction);
         self.axis = across
             .try_normalize()
@@ -91,7 +95,7 @@ impl TrackedSource {
     /// Returns the luminance of its irradiance on the ground (without ground: on a surface facing
     /// it).
     pub fn share(&self, ground: bool) -> f32 {
-        let height = if ground {
+        let height = if ground && !self.is_unseen {
             self.direction.z.max(0.0)
         } else {
             1.0
@@ -135,7 +139,7 @@ impl TrackedSource {
         let mut cuts = std::mem::take(&mut self.cuts);
         let axes = (self.axis, self.direction.cross(self.axis));
         let mut next = 0;
-        let inverse_distance = self.distance.inverse;
+        let (inverse_distance, is_unseen) = (self.distance.inverse, self.is_unseen);
         let leaf_solid_angle = self.solid_angle / self.lights.max(1) as f32;
         cut(
             &mut self.parts.clone(),
@@ -144,7 +148,8 @@ impl TrackedSource {
             &mut cuts,
             &mut next,
             &mut |leaf| {
-                let seen = seen_from(leaf, leaf_solid_angle, ground);
+                // A lamp that is not seen may be lower than the observer, and still above the ground.
+                let seen = seen_from(leaf, leaf_solid_angle, ground && !is_unseen);
                 lights.push(light_of(seen, inverse_distance, ground, views));
             },
         );
@@ -306,7 +311,8 @@ impl SourceTracker {
         for (i, new) in found.iter().enumerate() {
             for (k, old) in self.sources.iter().enumerate() {
                 let angle = new.direction.angle_between(old.direction);
-                if angle < GATE + old.radius() {
+                let is_alike = new.unseen.is_some() == old.is_unseen;
+                if is_alike && angle < GATE + old.radius() {
                     distances.push((angle, i, k));
                 }
             }

@@ -8,7 +8,7 @@ use super::super::lobes::widths;
 use super::super::place::{LightPlace, Seen};
 use super::super::prefilter::level_count;
 use super::*;
-use glam::DVec3;
+use glam::{DVec3, Quat};
 use penumbra_interface::RigidTransform;
 
 impl EnvironmentEstimator {
@@ -58,8 +58,11 @@ impl EnvironmentEstimator {
                 if place.is_far() || direction.dot(*d) < 0.5 {
                     continue;
                 }
-                let point = views.reference + d.as_dvec3() / f64::from(place.inverse_distance);
-                let seen = (point - views.observer).as_vec3().normalize_or_zero();
+                // It turns towards who looks at it: a lamp is as round from there as from here.
+                let turn = Quat::from_rotation_arc(*direction, source.direction);
+                let nearer = place.inverse_distance / source.distance.inverse;
+                let beside = turn * (*d - *direction) / nearer;
+                let seen = (source.direction + beside).normalize();
                 if seen.distance(source.direction) < reach && owner(sources, seen) == Some(k) {
                     out[i] += sample_seamless(&excess, self.grid.size, seen);
                 }

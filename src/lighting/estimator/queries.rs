@@ -1,6 +1,6 @@
 //! Queries of an estimator's state.
 
-use super::super::lamp_distance::SeenLamp;
+use super::super::lamp_distance::{Hiding, SeenLamp};
 use super::super::probe::ProbeMap;
 use super::*;
 
@@ -92,6 +92,28 @@ impl EnvironmentEstimator {
     #[must_use]
     pub const fn shadow_factor(&self) -> Option<f32> {
         self.shadow_factor
+    }
+
+    /// Returns what may hide a lamp in a direction (unit vector, world). Dark things are darker than most of what is
+    /// seen.
+    pub fn hiding(&self) -> impl Fn(Vec3) -> Hiding {
+        let is_seen = |i: usize| self.coverage[i] > 0.5;
+        let seen = (0..self.measured.len()).filter(|i| is_seen(*i));
+        let mut all: Vec<f32> = seen.map(|i| self.measured[i].dot(LUMINANCE)).collect();
+        let middle = all.len() / 2;
+        let median = if all.is_empty() {
+            0.0
+        } else {
+            *all.select_nth_unstable_by(middle, f32::total_cmp).1
+        };
+        move |direction| {
+            let i = texel_of(self.grid.size, direction);
+            match self.measured[i].dot(LUMINANCE) < median {
+                _ if !is_seen(i) => Hiding::NotSeen,
+                true => Hiding::DarkThing,
+                false => Hiding::Nothing,
+            }
+        }
     }
 
     /// Returns the visible part of each texel of the cube, 0..=1.

@@ -13,6 +13,7 @@ use std::f32::consts::PI;
 
 mod clipped;
 mod lamps;
+mod unseen;
 
 const EVS: [f64; 4] = [0.0, -5.0, -10.0, -15.0];
 

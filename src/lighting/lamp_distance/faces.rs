@@ -21,7 +21,7 @@ const WEIGHT: f32 = 40.0;
 type Face = (Vec3, Vec<usize>);
 
 /// The faces of each surface, the largest first.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub(super) struct Faces(Vec<Vec<Vec<usize>>>);
 
 impl Faces {

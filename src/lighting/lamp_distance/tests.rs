@@ -14,6 +14,7 @@ pub fn overhead(boxes: usize, painted: usize) -> (SeenSurfaces, CompactSource) {
         position: None,
         clipped: 0.0,
         lights: 1,
+        is_unseen: false,
     };
     let mut random = Random::new(5);
     let mut point = |surface: u32, normal: Vec3, albedo: f32| {
@@ -137,6 +138,7 @@ impl Table {
                 position: None,
                 clipped: 0.0,
                 lights: 1,
+                is_unseen: false,
             })
         })
         .collect()
@@ -401,3 +403,5 @@ fn lamps_of_which_little_is_seen_are_found_with_their_energy() {
     let errors = found_of_clipped(&one, &[0.02], false);
     assert!(errors[0][0].abs() > 1.0, "{errors:?}");
 }
+
+mod unseen;

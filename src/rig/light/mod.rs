@@ -6,8 +6,9 @@
 //! estimate, on its own thread in a live rig; the [`estimator`] turns environment pictures, gains ([`estimator`]) and the radiance of
 //! real surfaces (`surfaces`) into lighting, and `indirect` adds the light that moving virtual
 //! objects reflect. `bracket_response` checks the environment
-//! camera's tone curve, `chart` matches both cameras by pictures of a chart, `places` finds where lamps are, and
-//! `agreement` says how well real shadows confirm the light. `scene_tables` holds what the estimator derives from a scene; a changed scene
+//! camera's tone curve, `chart` matches both cameras by pictures of a chart, `places` finds where lamps are,
+//! `unseen_lamps` those that the environment camera does not see, both from what the scene camera's picture shows of
+//! real surfaces (`sight`), and `agreement` says how well real shadows confirm the light. `scene_tables` holds what the estimator derives from a scene; a changed scene
 //! reaches it through `updates`. `state` and `view` are the data in between.
 
 pub mod agreement;
@@ -20,10 +21,12 @@ mod places;
 pub mod report;
 pub(crate) mod scene_tables;
 pub(crate) mod scheduler;
+mod sight;
 pub mod state;
 mod surfaces;
 mod timeline;
 mod transition;
+mod unseen_lamps;
 pub(crate) mod updates;
 pub mod view;
 pub(crate) mod worker;

@@ -1,31 +1,21 @@
 //! Places of the lamps: as stated, or estimated from real shadows in the scene camera's picture.
 
 use crate::light::agreement::{Agreements, PictureAgreement};
+use crate::light::sight::Sight;
 use crate::light::surfaces::PhantomSurfaces;
+use crate::light::unseen_lamps::UnseenLamps;
 use crate::light::view::SceneView;
-use glam::{DVec2, DVec3, Vec3};
-use penumbra_camera::{PinholeCamera, Response, Vignetting};
+use glam::{DVec3, Vec3};
 use penumbra_config::{EnvironmentConfig, LightPlaces};
-use penumbra_interface::RigidTransform;
 use penumbra_lighting::adaptive::CompactSource;
 use penumbra_lighting::clipped::nearest_factor;
-use penumbra_lighting::lamp_distance::{Colour, DistanceSearch, SeenSurfaces, SurfacePoint};
+use penumbra_lighting::lamp_distance::{Colour, DistanceSearch, SeenLamp, SeenSurfaces};
 use penumbra_lighting::place::LampDistance;
-use penumbra_lighting::sources::LUMINANCE;
 use penumbra_lighting::{EnvironmentEstimator, Lighting};
 use penumbra_rig_model::RigCalibration;
 use penumbra_scene::RayCaster;
 use std::sync::Arc;
 
-/// Columns of the grid of points: more would make the search longer, not better.
-const COLUMNS: u32 = 107;
-/// Least number of pixels between the points of the grid, along x and y.
-const SPACING: u32 = 6;
-/// Half the side of the square over which a point's luminance is averaged, pixels.
-const AROUND: u32 = 2;
-/// Luminance below which a pixel is too noisy, and code from which it may be clipped.
-const DARKEST: f32 = 0.004;
-const BRIGHTEST_CODE: u8 = 250;
 /// Environment pictures between two looks at the shadows.
 const INTERVAL: u32 = 6;
 /// Looks after which the distance of a lamp that was far is searched again.
@@ -83,9 +73,7 @@ impl Known {
 
 /// Finds the places of lamps, and follows them.
 pub(crate) struct LampPlaces {
-    camera: PinholeCamera,
-    response: Response,
-    vignetting: Option<Vignetting>,
+    sight: Sight,
     rays: Arc<RayCaster>,
     /// World positions, metres.
     stated: Vec<DVec3>,
@@ -101,6 +89,7 @@ pub(crate) struct LampPlaces {
     settling: u32,
     surfaces: SeenSurfaces,
     agreements: Agreements,
+    unseen: UnseenLamps,
 }
 
 impl LampPlaces {
@@ -109,11 +98,8 @@ impl LampPlaces {
         rays: Arc<RayCaster>,
         settings: &EnvironmentConfig,
     ) -> Self {
-        let scene_camera = &rig.scene_camera;
         Self {
-            camera: scene_camera.camera.clone(),
-            response: scene_camera.response.clone(),
-            vignetting: scene_camera.vignetting,
+            sight: Sight::new(&rig.scene_camera),
             rays,
             stated: settings
                 .room_lights
@@ -128,6 +114,7 @@ impl LampPlaces {
             settling: 0,
             surfaces: SeenSurfaces::default(),
             agreements: Agreements::default(),
+            unseen: UnseenLamps::default(),
         }
     }
 
@@ -136,6 +123,7 @@ impl LampPlaces {
         self.rays = rays;
         self.rests = 0;
         self.agreements.clear();
+        self.unseen.restart();
     }
 
     /// How well the light explains the shadows in the picture; `None` if none was compared.
@@ -155,7 +143,6 @@ impl LampPlaces {
         let Some(observer) = estimator.observer() else {
             return false;
         };
-        self.camera.clone_from(scene.camera);
         let sources = estimator.sources();
         self.follow(&sources);
         let mut gained = self.place_stated(&sources, observer);
@@ -170,6 +157,7 @@ impl LampPlaces {
         self.applied
             .extend(clipped.map(|k| (k.direction, k.factor)));
         estimator.set_clipped_factors(self.applied.iter().copied());
+        estimator.set_unseen(self.unseen.lamps());
         gained
     }
 
@@ -260,10 +248,11 @@ impl LampPlaces {
         let Some(pose) = scene.world_from_camera.filter(|_| self.is_estimated) else {
             return false;
         };
-        let fits =
-            (scene.picture.width, scene.picture.height) == (self.camera.width, self.camera.height);
+        let fits = (scene.picture.width, scene.picture.height)
+            == (scene.camera.width, scene.camera.height);
         let any_new = sources
             .iter()
+            .filter(|s| !s.is_unseen)
             .take(LAMPS)
             .any(|s| self.known(s.id).is_none());
         if !fits || (!any_new && self.rests > 0) {
@@ -275,22 +264,26 @@ impl LampPlaces {
         for known in &mut self.known {
             known.tries = known.tries.saturating_sub(1);
         }
-        self.see(scene, pose);
-        let mut seen = estimator.lamps();
-        for lamp in &mut seen {
+        let rays = Arc::clone(&self.rays);
+        self.sight.see(scene, pose, &rays, &mut self.surfaces);
+        let surfaces = std::mem::take(&mut self.surfaces);
+        let (mut all, unseen): (Vec<SeenLamp>, Vec<SeenLamp>) = estimator
+            .lamps()
+            .into_iter()
+            .partition(|lamp| !lamp.source.is_unseen);
+        for lamp in &mut all {
             let known = self.known(lamp.source.id);
             lamp.source.distance = known.map_or(LampDistance::FAR, |k| k.distance);
             lamp.is_energy_unknown = known.is_none() && lamp.source.clipped > CLIPPED;
         }
-        let lamps: Vec<CompactSource> = seen.iter().map(|lamp| lamp.source).collect();
-        let rays = Arc::clone(&self.rays);
-        let surfaces = std::mem::take(&mut self.surfaces);
+        let lamps: Vec<CompactSource> = all.iter().map(|lamp| lamp.source).collect();
+        all.extend(unseen);
         let blocked =
             |origin: DVec3, to: DVec3, farthest: f64| rays.is_blocked(origin, to, farthest);
         let occluders = |origin: DVec3, to: DVec3| phantoms.met(origin, to);
         let mut search = DistanceSearch::new(
             &surfaces,
-            &seen,
+            &all,
             (&lighting.irradiance, Some(&occluders)),
             observer,
             &blocked,
@@ -309,9 +302,28 @@ impl LampPlaces {
             self.rests = 0;
         }
         gained |= is_other;
+        gained |= !is_other && self.look_for_unseen(&mut search, &all, estimator);
         self.agreements.add(&search.agreement());
         self.surfaces = surfaces;
         gained
+    }
+
+    /// Looks for lamps that the environment camera does not see, once it is known what the others explain; true if
+    /// there is one.
+    fn look_for_unseen(
+        &mut self,
+        search: &mut DistanceSearch<'_>,
+        lamps: &[SeenLamp],
+        estimator: &EnvironmentEstimator,
+    ) -> bool {
+        let hiding = estimator.hiding();
+        let is_found = self.unseen.look(search, lamps, &hiding);
+        if is_found {
+            // Without it, the others were made to explain its shadows.
+            self.known.clear();
+            self.rests = 0;
+        }
+        is_found
     }
 
     /// Finds the distances of lamps: of near ones beside the last, of others anywhere, together. True if a
@@ -425,74 +437,6 @@ impl LampPlaces {
         }
         factor
     }
-
-    /// Notes what the picture shows of real surfaces.
-    fn see(&mut self, scene: &SceneView<'_>, pose: RigidTransform) {
-        let spacing = SPACING.max(self.camera.width.div_ceil(COLUMNS));
-        let steps =
-            |length: u32| (spacing / 2..length.saturating_sub(AROUND)).step_by(spacing as usize);
-        let width = steps(self.camera.width).count();
-        let all = steps(self.camera.height)
-            .flat_map(|y| steps(self.camera.width).map(move |x| (x, y)))
-            .map(|(x, y)| self.point(scene, pose, x, y));
-        let points: Vec<Option<SurfacePoint>> = all.collect();
-        // At outlines, a pose that is slightly wrong shows another surface.
-        let surface = |i: Option<usize>| {
-            i.and_then(|i| points.get(i))
-                .and_then(|p| p.map(|p| p.surface))
-        };
-        let is_inside = |i: usize| {
-            let beside = [
-                i.checked_sub(1),
-                Some(i + 1),
-                i.checked_sub(width),
-                Some(i + width),
-            ];
-            beside.into_iter().all(|k| surface(k) == surface(Some(i)))
-        };
-        let inner = points
-            .iter()
-            .enumerate()
-            .map(|(i, p)| p.filter(|_| is_inside(i)));
-        self.surfaces.points = inner.collect();
-        self.surfaces.width = width;
-    }
-
-    fn point(
-        &self,
-        scene: &SceneView<'_>,
-        pose: RigidTransform,
-        x: u32,
-        y: u32,
-    ) -> Option<SurfacePoint> {
-        let pixel = DVec2::new(f64::from(x), f64::from(y));
-        let ray = pose.rotation * self.camera.unproject(pixel);
-        let hit = self
-            .rays
-            .nearest(pose.translation, ray)
-            .filter(|hit| !hit.mirror)?;
-        let (mut sum, mut count) = (Vec3::ZERO, 0.0);
-        for v in y.saturating_sub(AROUND)..=y + AROUND {
-            for u in x.saturating_sub(AROUND)..=x + AROUND {
-                let codes = scene.picture.rgb(u, v);
-                if codes.iter().any(|code| *code >= BRIGHTEST_CODE) {
-                    return None;
-                }
-                sum += Vec3::from(self.response.linear_from_rgb(codes));
-                count += 1.0;
-            }
-        }
-        let vignetting = self.vignetting.map_or(1.0, |v| v.at(pixel) as f32);
-        let linear = sum / (count * vignetting);
-        let luminance = linear.dot(LUMINANCE);
-        let log = |value: f32| value.max(0.1 * DARKEST).ln();
-        (luminance > DARKEST).then(|| SurfacePoint {
-            position: hit.point,
-            normal: hit.normal.as_vec3(),
-            log_values: [linear.x, linear.y, linear.z, luminance].map(log),
-            surface: hit.surface,
-        })
-    }
 }
 
 #[cfg(test)]
@@ -509,6 +453,7 @@ mod tests {
             position: None,
             clipped: 0.0,
             lights: 1,
+            is_unseen: false,
         }
     }
 

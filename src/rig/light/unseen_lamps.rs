@@ -1,0 +1,101 @@
+//! Lamps that the environment camera does not see, as long as real shadows show them.
+
+use glam::Vec3;
+use penumbra_lighting::lamp_distance::{DistanceSearch, Hiding, SeenLamp, UnseenLamp};
+
+/// Most of them.
+const LAMPS: usize = 2;
+/// Looks in which all are tried at first.
+const TRIES: usize = 2;
+/// Later looks until all have been tried again.
+const PARTS: usize = 40;
+/// Looks in a row that show nothing of a lamp, after which it is gone.
+const MISSES: u32 = 3;
+/// Looks in which a new one takes all of a new estimate: the other lamps have just found their places beside it.
+const SETTLING: u32 = 2;
+/// Angle, radians, up to which a source is taken for a lamp that is followed.
+const SAME: f32 = 1e-3;
+
+/// A lamp that is followed.
+#[derive(Clone, Copy, Debug)]
+struct Followed {
+    lamp: UnseenLamp,
+    /// Looks that have shown it.
+    looks: u32,
+    /// Looks in a row that did not show it.
+    misses: u32,
+}
+
+/// Finds them and follows them.
+#[derive(Debug, Default)]
+pub(super) struct UnseenLamps {
+    all: Vec<Followed>,
+    looks: usize,
+}
+
+impl UnseenLamps {
+    /// The lamps.
+    pub fn lamps(&self) -> impl Iterator<Item = UnseenLamp> + '_ {
+        self.all.iter().map(|followed| followed.lamp)
+    }
+
+    /// Searches from the beginning.
+    pub fn restart(&mut self) {
+        self.looks = 0;
+    }
+
+    /// Looks at the shadows in a picture; `lamps` are those of `search`, and `hiding` tells what may
+    /// hide a lamp from the environment camera. True if there is a lamp that was not there.
+    pub fn look(
+        &mut self,
+        search: &mut DistanceSearch<'_>,
+        lamps: &[SeenLamp],
+        hiding: &dyn Fn(Vec3) -> Hiding,
+    ) -> bool {
+        for followed in &mut self.all {
+            followed.look(search, lamps, hiding);
+        }
+        self.all.retain(|followed| {
+            followed.misses < MISSES && hiding(followed.lamp.direction) != Hiding::Nothing
+        });
+        let part = if self.looks < TRIES {
+            (0, 1)
+        } else {
+            (self.looks % PARTS, PARTS)
+        };
+        self.looks += 1;
+        if self.all.len() >= LAMPS {
+            return false;
+        }
+        let found = search.find_unseen(hiding, part);
+        self.all.extend(found.map(|lamp| Followed {
+            lamp,
+            looks: 0,
+            misses: 0,
+        }));
+        found.is_some()
+    }
+}
+
+impl Followed {
+    /// Takes a share of where and how bright the picture shows the lamp.
+    fn look(
+        &mut self,
+        search: &DistanceSearch<'_>,
+        lamps: &[SeenLamp],
+        hiding: &dyn Fn(Vec3) -> Hiding,
+    ) {
+        let same = |lamp: &SeenLamp| {
+            let angle = || lamp.source.direction.angle_between(self.lamp.direction);
+            lamp.source.is_unseen && angle() < SAME
+        };
+        let Some(number) = lamps.iter().position(same) else {
+            return;
+        };
+        let is_new = self.looks < SETTLING;
+        match search.follow_unseen(number, (&self.lamp, is_new), hiding) {
+            Some(now) => (self.lamp, self.looks, self.misses) = (now, self.looks + 1, 0),
+            None => self.misses += 1,
+        }
+    }
+}
