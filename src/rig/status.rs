@@ -244,6 +244,7 @@ fn lamp(source: &CompactSource) -> LampStatus {
         distance_sigma_m: near
             .map(|(_, inverse)| f64::from(source.distance.sigma) / (inverse * inverse)),
         clipped: f64::from(source.clipped.clamp(0.0, 1.0)),
+        unseen: source.is_unseen,
     }
 }
 

@@ -328,6 +328,10 @@ pub const STATUS_FIELDS: &[(&str, &str)] = &[
         "Share of its light in pixels that every exposure clips, 0 to 1: so much is an estimate from the depth of real shadows.",
     ),
     (
+        "lighting.lamps[].unseen",
+        "Whether the environment camera does not see it: it was found by real shadows in the scene camera's picture.",
+    ),
+    (
         "lighting.age_ms",
         "Age of the environment picture relative to the scene picture, ms; null before the first, and while a repeated recording begins in the light of its end.",
     ),

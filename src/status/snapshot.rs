@@ -461,6 +461,8 @@ pub struct LampStatus {
     pub distance_sigma_m: Option<f64>,
     /// Share of its light in pixels that every exposure clips, 0..=1.
     pub clipped: f64,
+    /// Whether the environment camera does not see it: real shadows show it.
+    pub unseen: bool,
 }
 
 /// Exposure of the output.

@@ -152,9 +152,11 @@ fn lamps_are_drawn_over_the_environment_and_in_a_plan() {
             distance_m: Some(1.0),
             distance_sigma_m: Some(0.1),
             clipped: 0.2,
+            ..LampStatus::default()
         };
         let far = LampStatus {
             direction: [0.36, 0.48, 0.8],
+            unseen: true,
             ..LampStatus::default()
         };
         s.lighting.lamps = vec![near, far];
@@ -168,6 +170,10 @@ fn lamps_are_drawn_over_the_environment_and_in_a_plan() {
         "{x}, {y}"
     );
     browser.wait_for("document.getElementById('lamp-list').textContent.includes('1: 1.00 ± 0.10 m, 20 % clipped')");
+    browser.wait_for("document.getElementById('lamp-list').textContent.includes('2: too far to tell, not seen by the environment camera')");
+    let dashed =
+        "[...document.querySelectorAll('#lamp-marks circle')].map((c) => c.className.baseVal)";
+    assert_eq!(browser.evaluate(dashed), serde_json::json!(["", "unseen"]));
     // In the plan the near lamp is above the camera, the far one a dashed line.
     let plan = browser.evaluate("(() => { const c = document.querySelector('#lamp-plan circle:not(.ring)'); return [Number(c.getAttribute('cx')), Number(c.getAttribute('cy')), document.querySelectorAll('#lamp-plan .far').length]; })()");
     assert_eq!((&plan[0], &plan[2]), (&100.into(), &1.into()));
@@ -205,6 +211,7 @@ fn labels_of_lamps_close_to_one_another_do_not_overlap() {
             distance_m: Some(distance),
             distance_sigma_m: Some(0.05),
             clipped: 0.0,
+            unseen: false,
         }
     };
     // A ceiling light of six lamps, and two at the edges of the picture.

@@ -80,6 +80,17 @@ pub struct UnseenLamp {
 }
 
 impl UnseenLamp {
+    /// A lamp that was seen.
+    #[must_use]
+    pub fn of(source: &CompactSource) -> Self {
+        Self {
+            direction: source.direction,
+            distance: source.distance,
+            angular_radius: source.angular_radius.max(RADII[0]),
+            irradiance: source.irradiance,
+        }
+    }
+
     /// Directions evenly spread over it.
     pub(crate) fn points(&self, count: usize) -> impl Iterator<Item = Vec3> + use<> {
         let (lamp, (right, up)) = (*self, tangent_frame(self.direction));
@@ -206,6 +217,22 @@ impl DistanceSearch<'_> {
         self.lamps.push(seen);
         self.assumed.push(0.0);
         self.lamps.len() - 1
+    }
+
+    /// Uses a lamp that was seen until now from now on, as bright and where it explains the picture best; `None` if it
+    /// explains nothing: it is off, not hidden.
+    pub fn keep_unseen(
+        &mut self,
+        lamp: &UnseenLamp,
+        hiding: &dyn Fn(Vec3) -> Hiding,
+    ) -> Option<UnseenLamp> {
+        let number = self.adopt_known(lamp);
+        let now = self.follow_unseen(number, (lamp, true), hiding);
+        self.lamps.truncate(number);
+        self.by_lamp.truncate(number);
+        self.assumed.truncate(number);
+        self.adopt_known(&now?);
+        now
     }
 
     /// Moves lamp number `lamp`, which is `known`, to where it explains the picture best, in small steps or, if the

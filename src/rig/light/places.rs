@@ -90,6 +90,8 @@ pub(crate) struct LampPlaces {
     surfaces: SeenSurfaces,
     agreements: Agreements,
     unseen: UnseenLamps,
+    /// The sources of the last picture.
+    sources: Vec<CompactSource>,
 }
 
 impl LampPlaces {
@@ -115,6 +117,7 @@ impl LampPlaces {
             surfaces: SeenSurfaces::default(),
             agreements: Agreements::default(),
             unseen: UnseenLamps::default(),
+            sources: Vec::new(),
         }
     }
 
@@ -143,6 +146,12 @@ impl LampPlaces {
         let Some(observer) = estimator.observer() else {
             return false;
         };
+        if self.unseen.forget_seen(estimator) {
+            // What they lit would be lit twice.
+            self.rests = 0;
+            estimator.set_unseen(self.unseen.lamps());
+            return true;
+        }
         let sources = estimator.sources();
         self.follow(&sources);
         let mut gained = self.place_stated(&sources, observer);
@@ -162,10 +171,15 @@ impl LampPlaces {
     }
 
     /// Takes over the directions of lamps that are followed, and forgets the others, and those that
-    /// part from another source: which of the two is which is not certain.
+    /// part from another source: which of the two is which is not certain. One that is gone may be hidden.
     fn follow(&mut self, sources: &[CompactSource]) {
+        let before = std::mem::replace(&mut self.sources, sources.to_vec());
         self.known.retain_mut(|known| {
             let source = sources.iter().find(|s| s.id == known.id);
+            if let (None, Some(gone)) = (source, before.iter().find(|s| s.id == known.id)) {
+                self.unseen.lose(gone);
+                self.rests = 0;
+            }
             known.direction = source.map_or(known.direction, |s| s.direction);
             source.is_some() && !known.parts(sources)
         });
@@ -248,14 +262,12 @@ impl LampPlaces {
         let Some(pose) = scene.world_from_camera.filter(|_| self.is_estimated) else {
             return false;
         };
-        let fits = (scene.picture.width, scene.picture.height)
-            == (scene.camera.width, scene.camera.height);
         let any_new = sources
             .iter()
             .filter(|s| !s.is_unseen)
             .take(LAMPS)
             .any(|s| self.known(s.id).is_none());
-        if !fits || (!any_new && self.rests > 0) {
+        if !Sight::fits(scene) || (!any_new && self.rests > 0) {
             self.rests = self.rests.saturating_sub(1);
             return false;
         }
@@ -291,7 +303,8 @@ impl LampPlaces {
         let new: Vec<usize> = (0..lamps.len().min(LAMPS))
             .filter(|k| self.known(lamps[*k].id).is_none())
             .collect();
-        let mut gained = self.find_distances(&mut search, (&lamps, observer));
+        let mut gained = self.unseen.keep_lost(&mut search, estimator);
+        gained |= self.find_distances(&mut search, (&lamps, observer));
         if new.iter().any(|k| lamps[*k].clipped > CLIPPED) {
             self.settling = SETTLING;
         }

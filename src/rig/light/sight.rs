@@ -33,6 +33,12 @@ impl Sight {
         }
     }
 
+    /// Whether a picture has the size for which the camera is calibrated.
+    pub const fn fits(scene: &SceneView<'_>) -> bool {
+        let (picture, camera) = (scene.picture, scene.camera);
+        picture.width == camera.width && picture.height == camera.height
+    }
+
     /// Notes what a picture, taken from `pose`, shows of real surfaces, on a grid.
     pub fn see(
         &self,

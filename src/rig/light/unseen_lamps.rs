@@ -1,13 +1,15 @@
 //! Lamps that the environment camera does not see, as long as real shadows show them.
 
 use glam::Vec3;
+use penumbra_lighting::EnvironmentEstimator;
+use penumbra_lighting::adaptive::CompactSource;
 use penumbra_lighting::lamp_distance::{DistanceSearch, Hiding, SeenLamp, UnseenLamp};
 
 /// Most of them.
 const LAMPS: usize = 2;
-/// Looks in which all are tried at first.
-const TRIES: usize = 2;
-/// Later looks until all have been tried again.
+/// Looks from which on all that is to be tried is tried in parts: all of it in the first, in the time of a few pictures.
+const TRIES: usize = 1;
+/// Looks until all has been tried again.
 const PARTS: usize = 40;
 /// Looks in a row that show nothing of a lamp, after which it is gone.
 const MISSES: u32 = 3;
@@ -30,6 +32,8 @@ struct Followed {
 #[derive(Debug, Default)]
 pub(super) struct UnseenLamps {
     all: Vec<Followed>,
+    /// Lamps that were seen until now.
+    lost: Vec<UnseenLamp>,
     looks: usize,
 }
 
@@ -44,6 +48,42 @@ impl UnseenLamps {
         self.looks = 0;
     }
 
+    /// Forgets lamps where nothing hides them any more: they are among those that are seen. True if there was one.
+    pub fn forget_seen(&mut self, estimator: &EnvironmentEstimator) -> bool {
+        if self.all.is_empty() {
+            return false;
+        }
+        let (before, hiding) = (self.all.len(), estimator.hiding());
+        let is_hidden = |followed: &Followed| hiding(followed.lamp.direction) != Hiding::Nothing;
+        self.all.retain(is_hidden);
+        self.all.len() < before
+    }
+
+    /// Notes a lamp that was seen until now.
+    pub fn lose(&mut self, source: &CompactSource) {
+        self.lost.push(UnseenLamp::of(source));
+    }
+
+    /// Keeps those of the lost lamps that something hides, and whose shadows are still there. True if there is one.
+    pub fn keep_lost(
+        &mut self,
+        search: &mut DistanceSearch<'_>,
+        estimator: &EnvironmentEstimator,
+    ) -> bool {
+        if self.lost.is_empty() {
+            return false;
+        }
+        let (before, hiding) = (self.all.len(), estimator.hiding());
+        for lamp in self.lost.drain(..) {
+            let is_hidden = hiding(lamp.direction) != Hiding::Nothing;
+            if is_hidden && self.all.len() < LAMPS {
+                let kept = search.keep_unseen(&lamp, &hiding);
+                self.all.extend(kept.map(Followed::new));
+            }
+        }
+        self.all.len() > before
+    }
+
     /// Looks at the shadows in a picture; `lamps` are those of `search`, and `hiding` tells what may
     /// hide a lamp from the environment camera. True if there is a lamp that was not there.
     pub fn look(
@@ -55,9 +95,7 @@ impl UnseenLamps {
         for followed in &mut self.all {
             followed.look(search, lamps, hiding);
         }
-        self.all.retain(|followed| {
-            followed.misses < MISSES && hiding(followed.lamp.direction) != Hiding::Nothing
-        });
+        self.all.retain(|followed| followed.misses < MISSES);
         let part = if self.looks < TRIES {
             (0, 1)
         } else {
@@ -68,16 +106,20 @@ impl UnseenLamps {
             return false;
         }
         let found = search.find_unseen(hiding, part);
-        self.all.extend(found.map(|lamp| Followed {
-            lamp,
-            looks: 0,
-            misses: 0,
-        }));
+        self.all.extend(found.map(Followed::new));
         found.is_some()
     }
 }
 
 impl Followed {
+    const fn new(lamp: UnseenLamp) -> Self {
+        Self {
+            lamp,
+            looks: 0,
+            misses: 0,
+        }
+    }
+
     /// Takes a share of where and how bright the picture shows the lamp.
     fn look(
         &mut self,
@@ -99,3 +141,6 @@ impl Followed {
         }
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -64,7 +64,7 @@ function over(lamps) {
     const [u, v] = place(lamp.direction);
     return { text: draw('text', { x: 0, y: 0 }, `${i + 1} · ${distance(lamp)}`), x: 512 * u, y: 256 * v, r: 9 };
   });
-  svg.replaceChildren(...labels.map(({ x, y, r }) => draw('circle', { cx: x, cy: y, r })), ...labels.map(({ text }) => text));
+  svg.replaceChildren(...labels.map(({ x, y, r }, i) => draw('circle', lamps[i].unseen ? { cx: x, cy: y, r, class: 'unseen' } : { cx: x, cy: y, r })), ...labels.map(({ text }) => text));
   spread(svg, labels, [512, 256]);
 }
 
@@ -121,5 +121,5 @@ export function lamps({ lamps: found }) {
   over(found);
   if (!found.length) return;
   plan(found);
-  $('lamp-list').replaceChildren(...found.map((lamp, i) => make('li', '', `${i + 1}: ${lamp.distance_m === null ? 'too far to tell' : `${lamp.distance_m.toFixed(2)} ± ${lamp.distance_sigma_m.toFixed(2)} m`}${lamp.clipped > 0.01 ? `, ${Math.round(100 * lamp.clipped)} % clipped` : ''}`)));
+  $('lamp-list').replaceChildren(...found.map((lamp, i) => make('li', '', `${i + 1}: ${lamp.distance_m === null ? 'too far to tell' : `${lamp.distance_m.toFixed(2)} ± ${lamp.distance_sigma_m.toFixed(2)} m`}${lamp.clipped > 0.01 ? `, ${Math.round(100 * lamp.clipped)} % clipped` : ''}${lamp.unseen ? ', not seen by the environment camera, found by shadows' : ''}`)));
 }
