@@ -77,7 +77,7 @@ pub enum Unseen {
 #[serde(rename_all = "kebab-case")]
 pub enum LightPlaces {
     /// `"estimate"`: at the distance that the real shadows in the scene camera's picture tell; else
-    /// infinitely far.
+    /// infinitely far. They show lamps that the environment camera does not see, too.
     #[default]
     Estimate,
     /// `"far"`: infinitely far, unless a place is stated.
