@@ -69,6 +69,10 @@ fn no_lamp_is_made_up() {
         // Something unknown throws a shadow; something known is elsewhere.
         alone.balls.push(stranger);
         assert_eq!(find(&alone, &BALLS), None);
+        // What is known to stand there is gone: its shadows are missing.
+        let mut gone = BALLS.to_vec();
+        gone.push((DVec3::new(0.0, 0.1, 0.07), 0.06));
+        assert_eq!(find(&table(&[SEEN], texture), &gone), None);
         let displaced = BALLS.map(|(centre, radius)| (centre + 0.005 * DVec3::X, radius));
         assert_eq!(find(&table(&[SEEN], texture), &displaced), None);
     }
