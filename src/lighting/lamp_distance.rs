@@ -90,7 +90,7 @@ impl SeenLamp {
 
 /// Tests whether anything real stands within a share (third argument) of a ray's direction from its
 /// origin (world, metres).
-pub type Blocked<'a> = dyn Fn(DVec3, DVec3, f64) -> bool + 'a;
+pub type Blocked<'a> = dyn Fn(DVec3, DVec3, f64) -> bool + Sync + 'a;
 
 /// Distances of compared points, in points of the grid.
 const OFFSETS: [usize; 3] = [1, 3, 6];

@@ -14,6 +14,7 @@ use super::{
 use crate::adaptive::CompactSource;
 use crate::cube::{spiral, tangent_frame};
 use glam::{DVec3, Vec3};
+use penumbra_interface::threads;
 use penumbra_numerics::Random;
 
 /// Directions of the sphere that are tried.
@@ -38,20 +39,20 @@ const SHORTER: f32 = 0.93;
 const LIT: f32 = 0.5;
 /// Every so many points are tested for that.
 const SOME: usize = 17;
-/// While all are tried, every so many pairs of points are compared.
-const PAIRS: usize = 3;
+/// Lamps that a thread tries at a time: more than in a part of the search that is tried alone.
+const CHUNK: usize = 128;
 /// So many of them are improved, the best in directions so far apart, radians;
 const STARTS: usize = 4;
 const APART: f32 = 0.1;
 /// if the best has this Student's t.
-const WORTH_WHILE: f32 = 1.0;
-/// Student's t from which a lamp is there, where nothing is seen and behind what is seen, and from which one that is
-/// known still is. Without a lamp, 3.3 was the largest of 40 pictures of rigs, and 0 where nothing is seen.
+const WORTH_WHILE: f32 = 1.5;
+/// Student's t from which a lamp is there, where nothing is seen and behind what is seen. Without a lamp, 3.3 was the largest of 40 pictures of rigs, and 0 where nothing is seen.
 const THERE: f32 = 3.5;
 const THERE_BEHIND: f32 = 4.5;
 /// Student's t from which its own shadows are seen: light alone could hide that a shadow of another lamp is missing,
 /// because what is known to throw it is gone. 3.4 to 4.5 for lamps that were there.
 const SHADOWS_SEEN: f32 = 2.5;
+/// Student's t from which a lamp that is known is still there.
 const STILL_THERE: f32 = 2.0;
 /// Share of a new estimate in a lamp that is followed.
 const SHARE: f32 = 0.3;
@@ -159,21 +160,27 @@ impl DistanceSearch<'_> {
         hiding: &dyn Fn(Vec3) -> Hiding,
         part: (usize, usize),
     ) -> Option<UnseenLamp> {
-        let surfaces = every_second(self.surfaces);
-        let coarse = self.over(&surfaces);
-        let others = coarse.irradiance_without(LUMINANCE_OF, None);
+        let coarsest = decimated(self.surfaces, 3);
+        let coarsest = self.over(&coarsest);
+        let others = coarsest.irradiance_without(LUMINANCE_OF, None);
         let all = INVERSES
             .into_iter()
             .flat_map(|inverse| sphere().map(move |d| UnseenLamp::tried(d, inverse)));
         let these = all.skip(part.0).step_by(part.1.max(1));
-        let tried = these
-            .filter(|lamp| hiding(lamp.direction) != Hiding::Nothing && coarse.is_lit_by(lamp));
-        let each = tried.filter_map(|lamp| coarse.with_best_light(lamp, &others));
-        let starts = best_apart(each.collect());
-        let without = coarse.losses_of_every(PAIRS, LUMINANCE_OF, &logarithms(&others));
+        let tried: Vec<UnseenLamp> = these
+            .filter(|lamp| hiding(lamp.direction) != Hiding::Nothing && coarsest.is_lit_by(lamp))
+            .collect();
+        let each = threads::map(&tried, CHUNK, |_, lamp| {
+            coarsest.with_best_light(*lamp, &others)
+        });
+        let starts = best_apart(each.into_iter().flatten().collect());
+        let without = coarsest.losses_of(LUMINANCE_OF, &logarithms(&others));
         if improvement(&without, &starts.first()?.losses) < WORTH_WHILE {
             return None;
         }
+        let surfaces = decimated(self.surfaces, 2);
+        let coarse = self.over(&surfaces);
+        let others = coarse.irradiance_without(LUMINANCE_OF, None);
         let improved = starts.into_iter().map(|start| {
             // Soft shadows match from farther away.
             let lamp = UnseenLamp {
@@ -247,7 +254,7 @@ impl DistanceSearch<'_> {
         (known, is_new): (&UnseenLamp, bool),
         hiding: &dyn Fn(Vec3) -> Hiding,
     ) -> Option<UnseenLamp> {
-        let surfaces = every_second(self.surfaces);
+        let surfaces = decimated(self.surfaces, 2);
         let coarse = self.over(&surfaces);
         let (search, steps) = if is_new {
             (self, (0.5, CHANGES))
@@ -289,7 +296,7 @@ impl DistanceSearch<'_> {
             p.map_or(0.0, |p| self.by_parts(&seen, inverse, &p, |_, _| true))
         };
         let open: Vec<f32> = self.surfaces.points.iter().map(open).collect();
-        let open = self.with_light(best.lamp, (&open, best.light), others, 1);
+        let open = self.with_light(best.lamp, (&open, best.light), others);
         improvement(&open.losses, &best.losses)
     }
 
@@ -352,22 +359,16 @@ impl DistanceSearch<'_> {
         let alike = others.iter().sum::<f32>() / lit;
         let with = |octaves: f32| {
             let light = alike * octaves.exp2();
-            self.with_light(lamp, (&form, light), others, PAIRS)
+            self.with_light(lamp, (&form, light), others)
         };
         let all = OCTAVES.into_iter().filter(|_| lit > 0.0).map(with);
         all.min_by(|a, b| a.total.total_cmp(&b.total))
     }
 
-    fn with_light(
-        &self,
-        lamp: UnseenLamp,
-        (form, light): (&[f32], f32),
-        others: &[f32],
-        every: usize,
-    ) -> Trial {
+    fn with_light(&self, lamp: UnseenLamp, (form, light): (&[f32], f32), others: &[f32]) -> Trial {
         let mut sum = others.to_vec();
         add(&mut sum, form, light);
-        let losses = self.losses_of_every(every, LUMINANCE_OF, &logarithms(&sum));
+        let losses = self.losses_of(LUMINANCE_OF, &logarithms(&sum));
         Trial {
             lamp,
             light,
@@ -378,7 +379,7 @@ impl DistanceSearch<'_> {
 
     fn trial(&self, lamp: UnseenLamp, light: f32, others: &[f32]) -> Trial {
         let form = self.form(&lamp.seen(), lamp.distance.inverse);
-        self.with_light(lamp, (&form, light), others, 1)
+        self.with_light(lamp, (&form, light), others)
     }
 
     /// Changes a trial at random, the first time by about a share of [`STEPS`], and keeps what fits better. What
@@ -444,20 +445,22 @@ impl DistanceSearch<'_> {
     }
 }
 
-/// Every second point of a grid, in rows and in columns.
+/// Some points of a grid.
 struct Decimated {
     surfaces: SeenSurfaces,
     /// The numbers of its points in the grid.
     numbers: Vec<usize>,
 }
 
-fn every_second(surfaces: &SeenSurfaces) -> Decimated {
+/// Every so many points of a grid, in rows and in columns.
+fn decimated(surfaces: &SeenSurfaces, every: usize) -> Decimated {
     let width = surfaces.width.max(1);
-    let is_kept = |i: &usize| (i % width).is_multiple_of(2) && (i / width).is_multiple_of(2);
+    let is_kept =
+        |i: &usize| (i % width).is_multiple_of(every) && (i / width).is_multiple_of(every);
     let numbers: Vec<usize> = (0..surfaces.points.len()).filter(is_kept).collect();
     Decimated {
         surfaces: SeenSurfaces {
-            width: width.div_ceil(2),
+            width: width.div_ceil(every),
             points: numbers.iter().map(|i| surfaces.points[*i]).collect(),
         },
         numbers,
