@@ -237,6 +237,14 @@ impl DistanceSearch<'_> {
         lamp: &UnseenLamp,
         hiding: &dyn Fn(Vec3) -> Hiding,
     ) -> Option<UnseenLamp> {
+        let surfaces = decimated(self.surfaces, 2);
+        let coarse = self.over(&surfaces);
+        let others = coarse.irradiance_without(LUMINANCE_OF, None);
+        let without = coarse.losses_of(LUMINANCE_OF, &logarithms(&others));
+        let there = coarse.trial(*lamp, values(lamp.irradiance)[LUMINANCE_OF], &others);
+        if improvement(&without, &there.losses) < STILL_THERE {
+            return None;
+        }
         let number = self.adopt_known(lamp);
         let now = self.follow_unseen(number, (lamp, true), hiding);
         self.lamps.truncate(number);

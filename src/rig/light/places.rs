@@ -153,7 +153,7 @@ impl LampPlaces {
             return true;
         }
         let sources = estimator.sources();
-        self.follow(&sources);
+        self.follow(&sources, estimator);
         let mut gained = self.place_stated(&sources, observer);
         gained |= self.estimate(scene, (lighting, phantoms), (estimator, &sources, observer));
         let known = self.known.iter();
@@ -172,12 +172,12 @@ impl LampPlaces {
 
     /// Takes over the directions of lamps that are followed, and forgets the others, and those that
     /// part from another source: which of the two is which is not certain. One that is gone may be hidden.
-    fn follow(&mut self, sources: &[CompactSource]) {
+    fn follow(&mut self, sources: &[CompactSource], estimator: &EnvironmentEstimator) {
         let before = std::mem::replace(&mut self.sources, sources.to_vec());
         self.known.retain_mut(|known| {
             let source = sources.iter().find(|s| s.id == known.id);
-            if let (None, Some(gone)) = (source, before.iter().find(|s| s.id == known.id)) {
-                self.unseen.lose(gone);
+            let gone = before.iter().find(|s| s.id == known.id && source.is_none());
+            if gone.is_some_and(|gone| self.unseen.lose(gone, estimator)) {
                 self.rests = 0;
             }
             known.direction = source.map_or(known.direction, |s| s.direction);

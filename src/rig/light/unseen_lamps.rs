@@ -59,25 +59,25 @@ impl UnseenLamps {
         self.all.len() < before
     }
 
-    /// Notes a lamp that was seen until now.
-    pub fn lose(&mut self, source: &CompactSource) {
-        self.lost.push(UnseenLamp::of(source));
+    /// Notes a lamp that was seen until now, if something may hide it; true if so.
+    pub fn lose(&mut self, source: &CompactSource, estimator: &EnvironmentEstimator) -> bool {
+        let is_hidden = estimator.hiding()(source.direction) != Hiding::Nothing;
+        if is_hidden {
+            self.lost.push(UnseenLamp::of(source));
+        }
+        is_hidden
     }
 
-    /// Keeps those of the lost lamps that something hides, and whose shadows are still there. True if there is one.
+    /// Keeps those of the lost lamps whose shadows are still there. True if there is one.
     pub fn keep_lost(
         &mut self,
         search: &mut DistanceSearch<'_>,
         estimator: &EnvironmentEstimator,
     ) -> bool {
-        if self.lost.is_empty() {
-            return false;
-        }
-        let (before, hiding) = (self.all.len(), estimator.hiding());
-        for lamp in self.lost.drain(..) {
-            let is_hidden = hiding(lamp.direction) != Hiding::Nothing;
-            if is_hidden && self.all.len() < LAMPS {
-                let kept = search.keep_unseen(&lamp, &hiding);
+        let before = self.all.len();
+        for lamp in std::mem::take(&mut self.lost) {
+            if self.all.len() < LAMPS {
+                let kept = search.keep_unseen(&lamp, &estimator.hiding());
                 self.all.extend(kept.map(Followed::new));
             }
         }

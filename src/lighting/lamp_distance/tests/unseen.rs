@@ -109,9 +109,9 @@ fn parts_of_the_search_find_what_all_of_it_does() {
     assert!(least < 0.06, "{errors:?}");
 }
 
-#[test]
-fn lamp_is_followed_until_it_is_gone() {
-    let known = UnseenLamp {
+/// The hidden lamp as it was seen.
+fn seen_before() -> UnseenLamp {
+    UnseenLamp {
         direction: (HIDDEN.0 - OBSERVER).normalize().as_vec3(),
         distance: LampDistance {
             inverse: HIDDEN.0.distance(OBSERVER).recip() as f32,
@@ -119,7 +119,31 @@ fn lamp_is_followed_until_it_is_gone() {
         },
         angular_radius: 0.015,
         irradiance: Vec3::splat(HIDDEN.1 / HIDDEN.0.distance_squared(OBSERVER) as f32),
+    }
+}
+
+#[test]
+fn lamp_that_was_seen_is_kept_while_its_shadows_are_there() {
+    let keep = |table: &Table| {
+        with_search(table, &BALLS, |search| {
+            let kept = search.keep_unseen(&seen_before(), &hiding);
+            (kept, search.lamps.len())
+        })
     };
+    let (kept, lamps) = keep(&table(&[SEEN, HIDDEN], 0.05));
+    let (error, light) = compared(&kept.expect("hidden"));
+    assert!(error < 0.05 && (light - 1.0).abs() < 0.1, "{error} {light}");
+    assert_eq!(lamps, 2);
+    // Off, or elsewhere.
+    let elsewhere = (DVec3::new(-0.4, -0.4, 0.45), HIDDEN.1);
+    for gone in [&[SEEN][..], &[SEEN, elsewhere]] {
+        assert_eq!(keep(&table(gone, 0.05)), (None, 1));
+    }
+}
+
+#[test]
+fn lamp_is_followed_until_it_is_gone() {
+    let known = seen_before();
     let mut displaced = known;
     displaced.direction = (known.direction + Vec3::new(0.0, 0.0, 0.1)).normalize();
     displaced.irradiance *= 1.3;
