@@ -309,6 +309,45 @@ fn a_scene_without_casters_has_no_pages() {
 /// A torus, lying `height` above a table, with the distance of any point from it.
 const TORUS: (f32, f32, f32) = (0.09, 0.03, 0.05);
 
+#[test]
+fn a_shadow_in_a_groove_keeps_its_width() {
+    // A strip is shaded by one 2 mm above it, whose rim throws its shadow 2 mm far.
+    const HEIGHT: f32 = 0.002;
+    let strip = |x: f64, z: f32, depth: f32| {
+        let at = DVec3::new(x, 0.0, f64::from(z));
+        part("strip", primitives::plane(0.1, depth), at)
+    };
+    let scene = Scene {
+        virtual_parts: vec![strip(0.0, 0.0, 0.1), strip(-0.05, HEIGHT, 0.12)],
+        ..Scene::default()
+    };
+    let mut cache = cache(&scene);
+    let lights = [light(Vec3::new(-1.0, 0.0, 1.0), 0.005)];
+    update(&mut cache, &lights, 1, &[0]);
+    let sky = lighting(&lights, 1).irradiance.irradiance(Vec3::Z).x;
+    let sun = lights[0].irradiance.x * lights[0].direction.z;
+    let (mut shaded, mut all) = (0.0, 0.0);
+    for (p, page) in cache.layout.pages.iter().enumerate() {
+        if !matches!(cache.parts[page.receiver].layer, Layer::Virtual(0)) {
+            continue;
+        }
+        let (kept, _) = cache.page(p as u32);
+        for (k, texel) in kept.iter().enumerate() {
+            let inner = |x: usize| (1..=PAGE).contains(&x);
+            let is_inner = inner(k % BORDERED) && inner(k / BORDERED);
+            if cache.texels[p].is_used[k] && is_inner {
+                let area = cache.layout.length(p).powi(2);
+                let [r, _, _, weight] = texel.map(half::f16::to_f32);
+                shaded += area * (1.0 - (r / weight - sky) / sun);
+                all += area;
+            }
+        }
+    }
+    let width = shaded / all * 0.1 - 0.05;
+    let texel = 0.15 / 512.0;
+    assert!((width - HEIGHT).abs() < texel, "{width}");
+}
+
 fn torus_over_table() -> Scene {
     let (major, minor, height) = TORUS;
     let torus = primitives::torus(major, minor, 225, 130);

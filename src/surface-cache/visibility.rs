@@ -23,6 +23,11 @@ pub struct LitMap<'a> {
     pub disc: &'a Disc,
 }
 
+/// How far a surface that is in a map is lifted: texels for curvature, and texels for each unit of the
+/// sine between its normal and the light. The middle of a texel lies up to 0.71 texels from the points
+/// of a plane in it. More makes narrow shadows, as in a groove, narrower.
+const LIFT: (f32, f32) = (0.3, 0.7);
+
 /// How a surface is kept from shadowing itself in a map.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Offset {
@@ -141,7 +146,11 @@ impl LitMap<'_> {
     #[inline(always)]
     fn nearest_blocker(&self, bounds: &Bounds, offset: Offset) -> Option<f32> {
         let (low, high, _, farthest) = self.view.project_bounds(bounds);
-        let lift = if offset == Offset::Lift { 2.0 } else { 0.0 };
+        let lift = if offset == Offset::Lift {
+            LIFT.0 + LIFT.1
+        } else {
+            0.0
+        };
         let high_in_map = farthest - self.map.ranges().nearest_of_all();
         if high_in_map <= 0.0 {
             return None;
@@ -259,8 +268,8 @@ impl LitMap<'_> {
             let one = simd.splat_f32s(1.0);
             let rest = simd.sub_f32s(one, simd.mul_f32s(cosine, cosine));
             let sine = simd.sqrt_f32s(simd.max_f32s(rest, simd.splat_f32s(0.0)));
-            let lift = simd.mul_f32s(sine, simd.splat_f32s(1.5 * unit));
-            let lift = simd.add_f32s(lift, simd.splat_f32s(0.5 * unit));
+            let lift = simd.mul_f32s(sine, simd.splat_f32s(LIFT.1 * unit));
+            let lift = simd.add_f32s(lift, simd.splat_f32s(LIFT.0 * unit));
             [
                 simd.add_f32s(p[0], simd.mul_f32s(n[0], lift)),
                 simd.add_f32s(p[1], simd.mul_f32s(n[1], lift)),
