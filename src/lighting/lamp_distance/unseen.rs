@@ -46,7 +46,8 @@ const STARTS: usize = 4;
 const APART: f32 = 0.1;
 /// if the best has this Student's t.
 const WORTH_WHILE: f32 = 1.5;
-/// Student's t from which a lamp is there, where nothing is seen and behind what is seen. Without a lamp, 3.3 was the largest of 40 pictures of rigs, and 0 where nothing is seen.
+/// Student's t from which a lamp is there, where nothing is seen and behind what is seen. Without a lamp, 3.3 was the
+/// largest of 40 pictures of rigs, and 0 where nothing is seen.
 const THERE: f32 = 3.5;
 const THERE_BEHIND: f32 = 4.5;
 /// Student's t from which its own shadows are seen: light alone could hide that a shadow of another lamp is missing,
