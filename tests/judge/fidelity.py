@@ -48,6 +48,8 @@ LIVE = "image-based-shadowing, live"
 SHOWN = "image-based-shadowing, shown"
 # How often the recording is shown, and the share of the true frames that must have been seen.
 SHOWN_TIMES, SHOWN_LEAST = 4, 0.75
+# ... and at least so many pictures: a loop of a third of a second skips the same ones several times.
+SHOWN_PICTURES = 120
 #: Limits of the figures of steadiness.
 STEADY = {"pump": 0.05, "step": 0.1, "shimmer": 1.05}
 # Column of judge.py, heading of the table, digits.
@@ -120,7 +122,7 @@ def shown(mcap: Path, rig: Rig, work: Path, live: Path, a: argparse.Namespace) -
     if not a.compare_only:
         for old in frames.glob("*.png"):
             old.unlink()
-        count = SHOWN_TIMES * len(list(live.glob("*.png")))
+        count = max(SHOWN_TIMES * len(list(live.glob("*.png"))), SHOWN_PICTURES)
         replay(a, rig, mcap, frames, ["--quality", "live", "--speed", "1", "--loop", "--as-shown", "--frames", str(count)], SHOWN)
     # Imports numpy, which this script's first Python may lack.
     from judge import judge_pictures
