@@ -306,9 +306,6 @@ fn a_scene_without_casters_has_no_pages() {
     assert_eq!(cache.shadowed().count(), 0);
 }
 
-/// A torus, lying `height` above a table, with the distance of any point from it.
-const TORUS: (f32, f32, f32) = (0.09, 0.03, 0.05);
-
 #[test]
 fn a_shadow_in_a_groove_keeps_its_width() {
     // A strip is shaded by one 2 mm above it, whose rim throws its shadow 2 mm far.
@@ -347,6 +344,9 @@ fn a_shadow_in_a_groove_keeps_its_width() {
     let texel = 0.15 / 512.0;
     assert!((width - HEIGHT).abs() < texel, "{width}");
 }
+
+/// A torus, lying `height` above a table, with the distance of any point from it.
+const TORUS: (f32, f32, f32) = (0.09, 0.03, 0.05);
 
 fn torus_over_table() -> Scene {
     let (major, minor, height) = TORUS;

@@ -29,18 +29,14 @@ fn stage() -> Stage {
     stage
 }
 
-/// How much further pictures with the surface cache may be off than those with shadow maps: here, at
-/// the rims of shadows, its texels are as wide as pixels.
-const CACHED: f64 = 1.4;
-
-/// Compares pictures with shadow maps and with the surface cache. `largest` and `mean` are the
-/// tolerances for shadow maps, codes.
-fn assert_close(name: &str, stage: &Stage, on_virtual: bool, largest: f64, mean: f64) {
+/// Compares pictures with shadow maps and with the surface cache. `largest`, for each of the two, and
+/// `mean` are tolerances, codes.
+fn assert_close(name: &str, stage: &Stage, on_virtual: bool, largest: [f64; 2], mean: f64) {
     let twin = stage.soft_twin(64);
     let mut stage = stage.clone();
     let kinds = [
-        (false, name.to_owned(), largest),
-        (true, format!("{name}-cached"), CACHED * largest),
+        (false, name.to_owned(), largest[0]),
+        (true, format!("{name}-cached"), largest[1]),
     ];
     for (cached, name, largest) in kinds {
         stage.settings.cached = cached;
@@ -116,7 +112,7 @@ fn penumbrae_on_the_table_match_the_twin() {
             primitives::sphere(0.03, 32, 16),
             DVec3::new(0.1, 0.08, 0.12),
         ));
-    assert_close("soft-table", &stage, false, 3.5, 0.15);
+    assert_close("soft-table", &stage, false, [3.5, 3.5], 0.15);
 }
 
 #[test]
@@ -137,7 +133,7 @@ fn distant_shadows_of_a_wide_light_match_the_twin() {
         DVec3::new(0.05, -0.5, 0.4),
         DVec3::new(0.05, 0.0, 0.0),
     ));
-    assert_close("soft-wide", &stage, false, 4.0, 0.25);
+    assert_close("soft-wide", &stage, false, [4.0, 4.8], 0.25);
 }
 
 #[test]
@@ -148,7 +144,7 @@ fn overlapping_real_and_virtual_penumbrae_are_not_counted_twice() {
             primitives::cuboid(Vec3::new(0.05, 0.05, 0.12)),
             DVec3::new(-0.08, 0.06, 0.0),
         ));
-    assert_close("soft-both", &stage, false, 1.5, 0.04);
+    assert_close("soft-both", &stage, false, [1.5, 1.5], 0.04);
 }
 
 #[test]
@@ -168,7 +164,9 @@ fn no_surface_lies_in_its_own_soft_shadow() {
             primitives::cuboid(Vec3::splat(0.05)),
             DVec3::new(-0.09, 0.02, 0.02),
         ));
-    assert_close("soft-own", &stage, true, 8.0, 0.8);
+    // The largest difference is light that leaks where the ball is near the plate: a map knows its upper
+    // side alone.
+    assert_close("soft-own", &stage, true, [8.0, 11.0], 0.8);
 }
 
 /// A lamp at a place, stated for a point among the objects.
@@ -205,7 +203,7 @@ fn shadows_of_near_lamps_match_the_twin() {
             DVec3::new(-0.09, 0.05, 0.0),
         ))
         .lit(lighting(lamps(), 0.0));
-    assert_close("soft-near", &stage, false, 6.0, 0.1);
+    assert_close("soft-near", &stage, false, [6.0, 6.0], 0.1);
     let far = lamps().into_iter().map(DomeLight::far).collect();
     let distant = stage.clone().lit(lighting(far, 0.0)).compose();
     let squares = square_differences(&distant, &stage.soft_twin(64).picture);
