@@ -263,11 +263,12 @@ impl DistanceSearch<'_> {
         (known, is_new): (&UnseenLamp, bool),
         hiding: &dyn Fn(Vec3) -> Hiding,
     ) -> Option<UnseenLamp> {
-        let surfaces = decimated(self.surfaces, 2);
-        let coarse = self.over(&surfaces);
+        let (surfaces, coarse);
         let (search, steps) = if is_new {
             (self, (0.5, CHANGES))
         } else {
+            surfaces = decimated(self.surfaces, 2);
+            coarse = self.over(&surfaces);
             (&coarse, (0.25, CHANGES_LATER))
         };
         let others = search.irradiance_without(LUMINANCE_OF, Some(lamp));
