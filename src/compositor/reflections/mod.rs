@@ -5,12 +5,13 @@
 //! pixels, and the composite looks the result up. On every adapter the processor does it: a
 //! software driver would read the hierarchy's boxes lane by lane.
 
+mod bounce;
 mod bvh;
 mod nearby;
 mod nearby_scene;
 mod radiance;
-mod second;
 mod stage;
+mod texel;
 mod trace;
 
 pub use nearby_scene::NearbyScene;

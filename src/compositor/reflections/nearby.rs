@@ -11,6 +11,12 @@ const SAME_NORMAL: f32 = 0.97;
 const SAME_SHARE: f32 = 0.2;
 /// ... and of the light, as a share of the brighter.
 const SAME_LIGHT: f32 = 0.25;
+/// The same of two pixels, above which more rays tell what each of them mirrors: of the shares of rays, ...
+const UNLIKE_SHARE: f32 = 0.35;
+/// ... of the light, as a share of the brighter, ...
+const UNLIKE_LIGHT: f32 = 0.4;
+/// ... beyond this, in units of the camera's white.
+const UNLIKE_DARK: f32 = 0.02;
 /// Points of a lattice, each way, over which a soft one is averaged: half of [`PERIOD`].
 const REACH: isize = 2;
 /// Points of a lattice, each way, after which the rays of soft ones are the same again.
@@ -171,12 +177,23 @@ impl Nearby {
     }
 
     fn mirrors_the_same(&self, other: &Self) -> bool {
-        let brightest = self.light.max(other.light).max_element();
+        let (shares, light, brighter) = self.differences(other);
+        shares < SAME_SHARE && light < SAME_LIGHT * brighter + DARK
+    }
+
+    /// Whether another pixel of the same surface shows something else.
+    pub fn is_unlike(&self, other: &Self) -> bool {
+        let (shares, light, brighter) = self.differences(other);
+        shares > UNLIKE_SHARE || light > UNLIKE_LIGHT * brighter + UNLIKE_DARK
+    }
+
+    /// Differences of the shares of rays and of the light, and the brighter light.
+    fn differences(&self, other: &Self) -> (f32, f32, f32) {
         let shares = (self.open - other.open)
             .abs()
             .max((self.seen - other.seen).abs());
-        shares < SAME_SHARE
-            && (self.light - other.light).abs().max_element() < SAME_LIGHT * brightest + DARK
+        let light = (self.light - other.light).abs().max_element();
+        (shares, light, self.light.max(other.light).max_element())
     }
 }
 

@@ -8,10 +8,10 @@ use super::bvh::LANES;
 use super::nearby::{Between, Nearby, PERIOD};
 use super::nearby_scene::NearbyScene;
 use super::radiance::NearbyLight;
+use super::texel::{NOTHING, Texel, is_changed, is_uneven, packed, unpacked};
 use super::trace::{Lobes, Tracer, View, slopes};
 use crate::compiled::Device;
-use glam::{DMat4, Vec2, Vec3};
-use half::f16;
+use glam::{DMat4, Vec2};
 use penumbra_camera::Response;
 use penumbra_interface::threads;
 use wgpu::TextureUsages as U;
@@ -22,17 +22,12 @@ const PACKET: [usize; 2] = [4, 2];
 const ROWS: usize = PACKET[1];
 /// Rows of pixels that it takes at a time.
 const PIXEL_ROWS: usize = 4;
-/// Rays for a lobe at a pixel that mirrors several things, ...
+/// Rays for a lobe at each of the places within a pixel that differs from those beside it, ...
 const RAYS: usize = 24;
+/// ... at a pixel that mirrors several things, ...
+const SOME_RAYS: usize = 12;
 /// ... and at a point of a lattice that stands for several pixels, or an outline.
 const FEW_RAYS: usize = 3;
-
-/// A texel: light as three floats with a common exponent; open and seen as half floats; the place in
-/// the picture in steps of 1 / 65,535; its third number and z, negative on a real mirror, as half
-/// floats.
-type Texel = [u32; 4];
-/// No glossy surface.
-const NOTHING: Texel = [0; 4];
 
 /// The scene, and the picture of what its glossy surfaces mirror.
 pub struct ReflectionsStage {
@@ -48,6 +43,8 @@ pub struct ReflectionsStage {
     softened: Vec<Nearby>,
     /// The pixels of that rectangle.
     texels: Vec<Texel>,
+    /// The same with more rays where one differs from those beside it.
+    refined: Vec<Texel>,
     /// By tile of the picture: whether it is a real mirror's and shows something virtual.
     shows: Vec<bool>,
 }
@@ -73,6 +70,7 @@ impl ReflectionsStage {
             lattice: Vec::new(),
             softened: Vec::new(),
             texels: Vec::new(),
+            refined: Vec::new(),
             shows: Vec::new(),
         }
     }
@@ -164,8 +162,13 @@ impl ReflectionsStage {
         threads::for_each(strips.enumerate().collect(), |(number, strip)| {
             work.fill(lattice, number, strip);
         });
+        self.refined.resize(across * down, NOTHING);
+        let strips = self.refined.chunks_exact_mut(PIXEL_ROWS * across);
+        threads::for_each(strips.enumerate().collect(), |(number, strip)| {
+            work.refine(&self.texels, across, number, strip);
+        });
         self.find_shown(tiles);
-        upload(queue, &self.picture, &self.texels, tiles);
+        upload(queue, &self.picture, &self.refined, tiles);
     }
 
     /// Finds the tiles of real mirrors that show something virtual.
@@ -178,7 +181,7 @@ impl ReflectionsStage {
             let tile = (top + y) * tiles.across as usize + left + x;
             if tiles.covered[tile] == MIRROR {
                 let rows = (0..side).map(|row| ((y * side + row) * across + x) * side);
-                let mut rows = rows.map(|first| &self.texels[first..first + side]);
+                let mut rows = rows.map(|first| &self.refined[first..first + side]);
                 self.shows[tile] = rows.any(|row| row.iter().any(is_changed));
             }
         }
@@ -203,6 +206,8 @@ struct LobeRays {
     /// At points of the lattice, and at outlines.
     few: Vec<Vec2>,
     /// At a pixel that mirrors several things.
+    some: Vec<Vec2>,
+    /// At each place within a pixel that differs from those beside it.
     many: Vec<Vec2>,
     /// At soft points of the lattice, by their place in a square of [`PERIOD`] points (interleaved sampling,
     /// Keller and Heidrich 2001): together, they divide the lobe evenly.
@@ -216,6 +221,7 @@ impl LobeRays {
         let set = |first: usize| all.iter().skip(first).step_by(sets).copied().collect();
         Self {
             few: slopes(few),
+            some: slopes(SOME_RAYS),
             many: slopes(RAYS),
             soft: (0..sets).map(set).collect(),
         }
@@ -286,11 +292,11 @@ impl Work<'_> {
         let tile_row = (top + first / side) * self.tiles.across as usize;
         let covered = &self.tiles.covered[tile_row + left..];
         texels.fill(NOTHING);
-        let LobeRays { few, many, .. } = self.rays;
+        let LobeRays { few, some, .. } = self.rays;
         let mut waiting = AllWaiting {
             outlines: Waiting::new(few, true),
             curves: Waiting::new(few, false),
-            several: Waiting::new(many, false),
+            several: Waiting::new(some, false),
         };
         for x in (0..across).filter(|x| covered[x / side] != 0) {
             for y in 0..PIXEL_ROWS {
@@ -310,6 +316,37 @@ impl Work<'_> {
             }
         }
         self.trace_waiting(&mut waiting, 1, texels);
+    }
+
+    /// Copies strip `number` of [`PIXEL_ROWS`] rows, with more rays at pixels that differ from those beside
+    /// them: edges and thin lines of what they mirror, and rays that meet the image of a lamp by chance.
+    fn refine(&self, texels: &[Texel], across: usize, number: usize, refined: &mut [Texel]) {
+        let first = number * refined.len();
+        refined.copy_from_slice(&texels[first..first + refined.len()]);
+        let [left, top, ..] = self.tiles.rectangle.map(|n| (n * TILE) as usize);
+        let mut waiting = Waiting::new(&self.rays.many, false);
+        for own in 0..refined.len() {
+            if is_uneven(texels, across, first + own) {
+                let (x, y) = ((first + own) % across, (first + own) / across);
+                waiting.push(Vec2::new((left + x) as f32, (top + y) as f32), own);
+                if waiting.count == LANES {
+                    self.fill_finely(&mut waiting, refined);
+                }
+            }
+        }
+        if waiting.count > 0 {
+            self.fill_finely(&mut waiting, refined);
+        }
+    }
+
+    fn fill_finely(&self, waiting: &mut Waiting<'_>, texels: &mut [Texel]) {
+        let known = waiting.texels.map(|texel| unpacked(&texels[texel]));
+        let is_best = self.step == 1;
+        let found = (self.tracer).trace_finely(waiting.lobes(), waiting.filled(), known, is_best);
+        for (found, texel) in found.iter().zip(&waiting.texels[..waiting.count]) {
+            texels[*texel] = packed(found);
+        }
+        waiting.count = 0;
     }
 
     /// What the lattice tells of a pixel of the rectangle.
@@ -373,12 +410,7 @@ impl Work<'_> {
 
     /// What the pixels that wait mirror; there must be one.
     fn trace_all(&self, waiting: &Waiting<'_>) -> [Nearby; LANES] {
-        let mut pixels = waiting.pixels;
-        pixels[waiting.count..].fill(waiting.pixels[waiting.count - 1]);
-        let lobes = Lobes {
-            fixed: waiting.slopes,
-            soft: None,
-        };
+        let (lobes, pixels) = (waiting.lobes(), waiting.filled());
         if waiting.is_outline {
             self.tracer.trace_outlines(lobes, pixels)
         } else {
@@ -446,61 +478,20 @@ impl<'a> Waiting<'a> {
         self.texels[self.count] = texel;
         self.count += 1;
     }
-}
 
-/// Twin of WGSL `nearby_at`, which reads it.
-fn packed(nearby: &Nearby) -> Texel {
-    if nearby.z == 0.0 {
-        return NOTHING;
+    const fn lobes(&self) -> Lobes<'a> {
+        Lobes {
+            fixed: self.slopes,
+            soft: None,
+        }
     }
-    let half = |x: f32| u32::from(f16::from_f32(x.clamp(-6e4, 6e4)).to_bits());
-    let halves = |a: f32, b: f32| half(a) | half(b) << 16;
-    let unit = |x: f32| (x.clamp(0.0, 1.0) * 65535.0).round() as u32;
-    let Nearby {
-        light,
-        open,
-        seen,
-        place,
-        z,
-        ..
-    } = *nearby;
-    [
-        with_common_exponent(light),
-        halves(open, seen),
-        unit(place.x) | unit(place.y) << 16,
-        halves(place.z, z),
-    ]
-}
 
-/// Bits of each number of [`with_common_exponent`].
-const MANTISSA: i32 = 9;
-/// Power of two by which its numbers are multiplied at the exponent 0.
-const LEAST_EXPONENT: i32 = -24;
-
-/// Three numbers of nine bits and an exponent of five (`RGB9_E5` of Vulkan).
-fn with_common_exponent(light: Vec3) -> u32 {
-    let largest = (1 << MANTISSA) - 1;
-    let light = light.clamp(Vec3::ZERO, Vec3::splat(65408.0));
-    // The power of two above the greatest number, which rounding may not reach.
-    let power = (light.max_element() * (1.0 + 1.0 / 1024.0))
-        .max(1e-9)
-        .log2()
-        .floor() as i32
-        + 1;
-    let exponent = (power - MANTISSA - LEAST_EXPONENT).clamp(0, 31);
-    let scale = ((-exponent - LEAST_EXPONENT) as f32).exp2();
-    let [r, g, b] = (light * scale)
-        .round()
-        .to_array()
-        .map(|x| (x as u32).min(largest));
-    r | g << 9 | b << 18 | (exponent as u32) << 27
-}
-
-/// Whether a real mirror shows something else than the camera's picture.
-fn is_changed(&[light, open_seen, _, z]: &Texel) -> bool {
-    let low = |bits: u32| f16::from_bits(bits as u16);
-    let is_lit = light & 0x07ff_ffff != 0;
-    low(z >> 16) < f16::ZERO && (is_lit || low(open_seen) != f16::ONE)
+    /// The pixels, of which there must be one, the last of them as often as fills a packet.
+    fn filled(&self) -> [Vec2; LANES] {
+        let mut pixels = self.pixels;
+        pixels[self.count..].fill(self.pixels[self.count - 1]);
+        pixels
+    }
 }
 
 /// Uploads the rectangle of covered tiles, as far as it lies in the picture.

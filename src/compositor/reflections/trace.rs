@@ -17,11 +17,11 @@
 //! and `open` the share that remains of its picture: less where it shows one of those, or their shadow
 //! on the ground.
 
+use super::bounce::{Beam, Bounce, bounce, lifted};
 use super::bvh::{LANES, Lanes, Rays};
 use super::nearby::{Nearby, PERIOD};
 use super::nearby_scene::{Met, NearbyScene};
 use super::radiance::NearbyLight;
-use super::second::{Beam, Second, lifted, second};
 use glam::{Mat3, Vec2, Vec3};
 use penumbra_camera::PinholeCamera;
 use penumbra_interface::RigidTransform;
@@ -47,6 +47,8 @@ const WITHIN_PIXEL: [Vec2; 4] = [
     Vec2::new(-0.375, 0.125),
     Vec2::new(0.125, 0.375),
 ];
+/// Two such places, which with the centre lie on a line that is neither a row nor a column.
+const BESIDE_CENTRE: [Vec2; 2] = [Vec2::new(-0.25, 0.25), Vec2::new(0.25, -0.25)];
 /// Share of the distance by which two places within a pixel may differ and show the same surface.
 const SAME: f32 = 0.02;
 /// Angle between successive points of a spiral.
@@ -267,6 +269,32 @@ impl<'t> Tracer<'t> {
         found.map(OutlineMean::mean)
     }
 
+    /// The means of what pixels mirror at their centres, which is `known`, and at places within them, more
+    /// of them for the best quality, as far as these show the same surface.
+    pub fn trace_finely(
+        &self,
+        lobes: Lobes<'_>,
+        pixels: [Vec2; LANES],
+        known: [Nearby; LANES],
+        is_best: bool,
+    ) -> [Nearby; LANES] {
+        let mut found = known.map(OutlineMean::of);
+        let places = if is_best {
+            &WITHIN_PIXEL[..]
+        } else {
+            &BESIDE_CENTRE
+        };
+        for offset in places {
+            let more = self.trace(lobes, pixels.map(|pixel| pixel + *offset));
+            for ((found, more), known) in found.iter_mut().zip(more).zip(&known) {
+                if is_same(&more, known) {
+                    found.add(more);
+                }
+            }
+        }
+        found.map(OutlineMean::mean)
+    }
+
     /// Traces ray `number` of each mirror.
     fn reflect(&self, number: usize, mirrors: &mut [Option<Mirror<'_>>; LANES]) {
         let mut packet = Packet::new();
@@ -283,7 +311,7 @@ impl<'t> Tracer<'t> {
         }
         let found = self.scene.nearest(&packet.rays, packet.farthest);
         let mut to_eye = Packet::new();
-        let mut seconds: [Option<Second>; LANES] = std::array::from_fn(|_| None);
+        let mut bounces: [Option<Bounce>; LANES] = [None; LANES];
         for (lane, mirror) in mirrors.iter_mut().enumerate() {
             // A mirror that reaches below the ground meets it at once.
             let Some(mirror) = mirror.as_mut().filter(|_| packet.farthest[lane] >= 0.0) else {
@@ -317,10 +345,12 @@ impl<'t> Tracer<'t> {
                 continue;
             }
             mirror.sum.light += self.direct(point, met);
-            seconds[lane] = second(met, from, direction, (mirror.part(), mirror.beam));
+            bounces[lane] = bounce(met, from, direction, (mirror.part(), mirror.beam));
         }
         self.look(&to_eye, &found, mirrors);
-        self.reflect_again(&seconds, mirrors);
+        for is_last in [false, true] {
+            self.reflect_again(&mut bounces, mirrors, is_last);
+        }
     }
 
     /// Distance to the ground along a ray; without ground, far away.
@@ -380,24 +410,21 @@ impl<'t> Tracer<'t> {
         }
     }
 
-    /// Adds what the surfaces that mirror rays have met reflect themselves.
+    /// Adds what the surfaces that mirror rays have met reflect themselves, and leaves the reflections in
+    /// glossy surfaces that those meet, of which the last has the mean of all directions.
     fn reflect_again(
         &self,
-        seconds: &[Option<Second>; LANES],
+        bounces: &mut [Option<Bounce>; LANES],
         mirrors: &mut [Option<Mirror<'_>>; LANES],
+        is_last: bool,
     ) {
         let mut packet = Packet::new();
-        for (lane, second) in seconds.iter().enumerate() {
-            if let Some(Second {
+        for (lane, bounce) in bounces.iter().enumerate() {
+            if let Some(Bounce {
                 origin, direction, ..
-            }) = second
+            }) = *bounce
             {
-                packet.set(
-                    lane,
-                    *origin,
-                    *direction,
-                    self.to_ground(*origin, *direction),
-                );
+                packet.set(lane, origin, direction, self.to_ground(origin, direction));
             }
         }
         if packet.is_empty() {
@@ -405,27 +432,45 @@ impl<'t> Tracer<'t> {
         }
         let found = self.scene.nearest(&packet.rays, packet.farthest);
         for (lane, mirror) in mirrors.iter_mut().enumerate() {
-            let (Some(mirror), Some(second)) = (mirror, &seconds[lane]) else {
+            let (Some(mirror), Some(bounce)) = (mirror, bounces[lane].take()) else {
                 continue;
             };
-            let along = |distance: f32| second.origin + second.direction * distance;
             let arriving = match &found[lane] {
-                Some(met) => match met.surface.phantom {
-                    Some(number) => self.light.phantom(number, met.normal),
-                    None => {
-                        let at = along(met.distance);
-                        self.light.total(at, met.shading_normal, met.surface)
+                Some(met) => {
+                    let at = packet.point(lane, met.distance);
+                    if !is_last && met.surface.is_glossy && met.surface.phantom.is_none() {
+                        bounces[lane] = bounce.again(met, at + met.normal * self.scene.lift);
                     }
-                },
-                None if packet.farthest[lane] < f32::MAX => {
-                    self.light.ground(along(packet.farthest[lane]))
+                    self.arriving_from(met, at, bounces[lane].is_none())
                 }
-                None => {
-                    self.light
-                        .sky(second.origin, second.direction, second.width, second.spread)
-                }
+                None => self.arriving_from_afar(&bounce, packet.farthest[lane]),
             };
-            mirror.sum.light += second.reflectance * arriving;
+            mirror.sum.light += bounce.reflectance * arriving;
+        }
+    }
+
+    /// Radiance of a surface at `at`; with what it reflects specularly if that is not followed.
+    fn arriving_from(&self, met: &Met<'_>, at: Vec3, is_end: bool) -> Vec3 {
+        match met.surface.phantom {
+            Some(number) => self.light.phantom(number, met.normal),
+            None if is_end => self.light.total(at, met.shading_normal, met.surface),
+            None => self.light.diffuse(at, met.shading_normal, met.surface),
+        }
+    }
+
+    /// Radiance of the ground, which lies at a distance, or of the environment.
+    fn arriving_from_afar(&self, bounce: &Bounce, to_ground: f32) -> Vec3 {
+        let Bounce {
+            origin,
+            direction,
+            width,
+            spread,
+            ..
+        } = *bounce;
+        if to_ground < f32::MAX {
+            self.light.ground(origin + direction * to_ground)
+        } else {
+            self.light.sky(origin, direction, width, spread)
         }
     }
 }
@@ -437,13 +482,25 @@ struct OutlineMean {
     count: f32,
 }
 
+/// Whether two places within a pixel show the same surface.
+fn is_same(a: &Nearby, b: &Nearby) -> bool {
+    (a.z - b.z).abs() <= SAME * b.z.abs()
+}
+
 impl OutlineMean {
+    const fn of(first: Nearby) -> Self {
+        Self {
+            sum: Some(first),
+            count: 1.0,
+        }
+    }
+
     fn add(&mut self, more: Nearby) {
         if more.z == 0.0 {
             return;
         }
         match &mut self.sum {
-            Some(sum) if (more.z - sum.z).abs() <= SAME * sum.z.abs() => {
+            Some(sum) if is_same(&more, sum) => {
                 sum.light += more.light;
                 sum.open += more.open;
                 // The place is a mean over what is seen.

@@ -1,5 +1,6 @@
 use super::super::trace::tests::traced;
 use super::*;
+use glam::Vec3;
 use penumbra_scene::{Material, Part, Scene, primitives};
 use std::sync::Arc;
 
@@ -28,12 +29,13 @@ fn ball_beside_a_box() -> Scene {
     }
 }
 
-#[test]
-fn curved_surface_that_shows_more_than_the_sky_gets_many_rays() {
-    let side = TILE as usize;
+/// The ball in the middle of the camera's 200 pixels: two tiles by two, after two others.
+const FIRST: usize = 2 * TILE as usize;
+const ACROSS: usize = 2 * TILE as usize;
+
+/// Work on the ball, at every second pixel, and the points of its lattice.
+fn with_ball(look: impl FnOnce(&Work<'_>, &[Nearby])) {
     let rays = LobeRays::new(FEW_RAYS);
-    // The ball is in the middle of the camera's 200 pixels.
-    let first = 2 * side;
     traced(&ball_beside_a_box(), |tracer| {
         let work = Work {
             tracer,
@@ -45,34 +47,98 @@ fn curved_surface_that_shows_more_than_the_sky_gets_many_rays() {
             step: 2,
             rays: &rays,
         };
-        let across = 2 * side;
-        let mut lattice = vec![Nearby::NOTHING; across * across / 4];
-        for (number, strip) in lattice.chunks_exact_mut(ROWS * across / 2).enumerate() {
+        let mut lattice = vec![Nearby::NOTHING; ACROSS * ACROSS / 4];
+        for (number, strip) in lattice.chunks_exact_mut(ROWS * ACROSS / 2).enumerate() {
             work.trace(number, strip);
         }
-        let mut texels = vec![NOTHING; across * across];
-        for (number, strip) in texels.chunks_exact_mut(PIXEL_ROWS * across).enumerate() {
-            work.fill(&lattice, number, strip);
-        }
-        let with = |slopes: &[Vec2], x: usize, y: usize| {
-            let lobes = Lobes {
-                fixed: slopes,
-                soft: None,
-            };
-            let pixel = Vec2::new((first + x) as f32, (first + y) as f32);
-            work.tracer.trace_smoothly(lobes, [pixel; LANES])[0]
+        look(&work, &lattice);
+    });
+}
+
+fn filled(work: &Work<'_>, lattice: &[Nearby]) -> Vec<Texel> {
+    let mut texels = vec![NOTHING; ACROSS * ACROSS];
+    for (number, strip) in texels.chunks_exact_mut(PIXEL_ROWS * ACROSS).enumerate() {
+        work.fill(lattice, number, strip);
+    }
+    texels
+}
+
+fn pixels() -> impl Iterator<Item = (usize, usize)> {
+    (0..ACROSS).flat_map(|y| (0..ACROSS).map(move |x| (x, y)))
+}
+
+/// The pixel of the picture.
+fn at((x, y): (usize, usize)) -> Vec2 {
+    Vec2::new((FIRST + x) as f32, (FIRST + y) as f32)
+}
+
+const fn everywhere(fixed: &[Vec2]) -> Lobes<'_> {
+    Lobes { fixed, soft: None }
+}
+
+#[test]
+fn curved_surface_that_shows_more_than_the_sky_gets_more_rays() {
+    with_ball(|work, lattice| {
+        let texels = filled(work, lattice);
+        let with = |slopes: &[Vec2], pixel| {
+            let pixels = [at(pixel); LANES];
+            work.tracer.trace_smoothly(everywhere(slopes), pixels)[0]
         };
         let mut count = [0; 2];
-        for (x, y) in (0..across).flat_map(|y| (0..across).map(move |x| (x, y))) {
-            if matches!(work.between(&lattice, across, (x, y)), Between::Curve) {
-                let few = with(&rays.few, x, y);
+        for (x, y) in pixels() {
+            if matches!(work.between(lattice, ACROSS, (x, y)), Between::Curve) {
+                let few = with(&work.rays.few, (x, y));
                 let is_sky = few.open == 1.0;
-                let expected = if is_sky { few } else { with(&rays.many, x, y) };
-                assert_eq!(texels[y * across + x], packed(&expected), "{x} {y}");
+                let expected = if is_sky {
+                    few
+                } else {
+                    with(&work.rays.some, (x, y))
+                };
+                assert_eq!(texels[y * ACROSS + x], packed(&expected), "{x} {y}");
                 count[usize::from(is_sky)] += 1;
             }
         }
         assert!(count.iter().all(|count| *count > 5), "{count:?}");
+    });
+}
+
+#[test]
+fn pixels_that_differ_from_those_beside_them_are_nearer_to_their_mean() {
+    let many = slopes(8 * RAYS);
+    with_ball(|work, lattice| {
+        let texels = filled(work, lattice);
+        let mut refined = texels.clone();
+        for (number, strip) in refined.chunks_exact_mut(PIXEL_ROWS * ACROSS).enumerate() {
+            work.refine(&texels, ACROSS, number, strip);
+        }
+        let (mut errors, mut count) = ([0.0; 2], 0);
+        for (x, y) in pixels() {
+            let own = y * ACROSS + x;
+            let pair = [&texels, &refined].map(|texels| unpacked(&texels[own]));
+            if !is_uneven(&texels, ACROSS, own) {
+                assert_eq!(texels[own], refined[own], "{x} {y}");
+                continue;
+            }
+            let place = |k: usize| Vec2::new((k % 4) as f32, (k / 4) as f32) / 4.0 - 0.375;
+            let places: [Vec2; 2 * LANES] = std::array::from_fn(|k| at((x, y)) + place(k));
+            let halves = [0, LANES].map(|k| places[k..k + LANES].try_into().expect("eight"));
+            let open = halves.map(|pixels| work.tracer.trace(everywhere(&many), pixels));
+            if open
+                .as_flattened()
+                .iter()
+                .all(|found| found.is_as_far_as(&pair[0]))
+            {
+                let mean: f32 = open.as_flattened().iter().map(|found| found.open).sum();
+                for (error, found) in errors.iter_mut().zip(pair) {
+                    *error += (found.open - mean / places.len() as f32).abs();
+                }
+                count += 1;
+            }
+        }
+        assert!(
+            count > 10 && errors[1] < 0.7 * errors[0],
+            "{count} {errors:?}"
+        );
     });
 }
 
@@ -86,25 +152,4 @@ fn soft_points_divide_a_lobe_between_them() {
         all.sort_by(|a, b| a.length().total_cmp(&b.length()));
     }
     assert_eq!(together, lobe);
-}
-
-/// Twin of WGSL `light_of`.
-fn light_of(bits: u32) -> Vec3 {
-    let number = |shift: u32| (bits >> shift & 511) as f32;
-    let exponent = (bits >> 27) as i32 + LEAST_EXPONENT;
-    Vec3::new(number(0), number(9), number(18)) * (exponent as f32).exp2()
-}
-
-#[test]
-fn light_is_kept_to_a_512th_of_the_brightest_channel() {
-    let mut light = Vec3::new(0.3, 1.0, 0.07);
-    for _ in 0..40 {
-        let error = (light_of(with_common_exponent(light)) - light).abs();
-        let brightest = light.max_element().max(1e-4);
-        assert!(error.max_element() <= brightest / 511.0, "{light}");
-        light *= if light.y > 5e4 { 1e-6 } else { 1.37 };
-    }
-    assert_eq!(light_of(with_common_exponent(Vec3::ZERO)), Vec3::ZERO);
-    let most = light_of(with_common_exponent(Vec3::INFINITY));
-    assert!(most.is_finite() && most.x > 6e4);
 }

@@ -220,6 +220,37 @@ fn virtual_surfaces_mirror_each_other_twice() {
 }
 
 #[test]
+fn third_reflection_shows_what_it_meets() {
+    let lamp = Material {
+        emissive: Vec3::new(0.0, 2.0, 0.0),
+        base_colour: Vec3::ZERO.extend(1.0),
+        specular: 0.0,
+        ..Material::default()
+    };
+    let body = |size, at, material| part(primitives::cuboid(size), at, material);
+    let front = Vec3::new(0.0, 0.2, 0.05);
+    // Above the camera's rays, where the front reflects to, and behind the front, where this reflects to.
+    let slope = (EYE.z + front.z) / (front.y - EYE.y);
+    let second = Vec3::new(0.0, -0.1, front.z + slope * 0.3);
+    let third = Vec3::new(0.0, 1.0, second.z + slope * 1.1);
+    let parts = vec![
+        level_mirror(),
+        body(Vec3::splat(0.1), Vec3::new(0.0, 0.25, 0.0), mirror()),
+        body(
+            Vec3::new(0.1, 0.02, 0.1),
+            second - Vec3::new(0.0, 0.01, 0.05),
+            mirror(),
+        ),
+        body(Vec3::splat(0.2), third + Vec3::new(0.0, 0.1, -0.1), lamp),
+    ];
+    let found = mirrored(&scene(parts, Vec::new()), 1, &[image_of(front)])[0];
+    assert!(
+        (found.light - Vec3::new(0.0, 2.0, 0.0)).length() < 1e-5,
+        "{found:?}"
+    );
+}
+
+#[test]
 fn real_mirror_shows_what_is_virtual_and_keeps_the_rest() {
     let lamp = Material {
         emissive: Vec3::new(0.0, 2.0, 0.0),

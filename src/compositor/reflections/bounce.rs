@@ -1,4 +1,4 @@
-//! The second reflection: in a surface that a mirror ray has met.
+//! The second and the third reflection: in surfaces that a mirror ray has met.
 
 use super::nearby_scene::{Met, Surface};
 use glam::Vec3;
@@ -30,8 +30,9 @@ impl Beam {
 }
 
 /// A reflection in a surface that a mirror ray has met.
-pub struct Second {
-    /// Share of the light that it reflects, RGB.
+#[derive(Clone, Copy)]
+pub struct Bounce {
+    /// Share of the light that reaches the first surface from there, RGB.
     pub reflectance: Vec3,
     /// Unit vector to what it shows, world.
     pub direction: Vec3,
@@ -39,6 +40,8 @@ pub struct Second {
     pub origin: Vec3,
     /// Width, as GGX's α, of the lobe in which the environment is seen.
     pub width: f32,
+    /// What the ray stands for.
+    pub beam: Beam,
     /// Width, as GGX's α, of a lobe that reaches to what the rays of neighbouring points reflect: a
     /// lamp between them would be in none of these rays, or fill one of them.
     pub spread: f32,
@@ -55,13 +58,13 @@ pub fn lifted(direction: Vec3, n: Vec3) -> Vec3 {
 }
 
 /// The reflection in a surface at `from`; `None` if it reflects nothing specularly. It is blurred by that
-/// surface's lobe and by the `part` of the first one, as a width, that the ray stands for.
-pub fn second(
+/// surface's lobe and by the `part` of the one before, as a width, that the ray stands for.
+pub fn bounce(
     met: &Met<'_>,
     from: Vec3,
     direction: Vec3,
     (part, beam): (f32, Beam),
-) -> Option<Second> {
+) -> Option<Bounce> {
     let Surface { f0, width: own, .. } = *met.surface;
     (f0 != Vec3::ZERO).then(|| {
         let n = met.shading_normal;
@@ -76,12 +79,25 @@ pub fn second(
         let width = 0.5 * (lobe.angle * lobe.reflected(met.distance, met, cosine).angle).sqrt();
         // To both sides.
         let spread = (0.25 * beam.angle).min(1.0);
-        Second {
+        Bounce {
             reflectance: met.surface.fresnel(-direction.dot(n)),
             direction: lifted(direction.reflect(n), met.normal),
             origin: from,
             width: own.hypot(width).min(1.0),
+            beam,
             spread,
         }
     })
+}
+
+impl Bounce {
+    /// The reflection of this one in the surface that it meets, at `from`.
+    pub fn again(&self, met: &Met<'_>, from: Vec3) -> Option<Self> {
+        let next = bounce(met, from, self.direction, (self.width, self.beam))?;
+        let reflectance = self.reflectance * next.reflectance;
+        Some(Self {
+            reflectance,
+            ..next
+        })
+    }
 }
