@@ -88,9 +88,16 @@ impl<'a> NearbyLight<'a> {
     /// Radiance of the ground: the camera's picture where it shows that, else the mean; with the
     /// shadows of virtual objects.
     pub fn ground(&self, p: Vec3) -> Vec3 {
+        self.picture_at(p)
+            .unwrap_or_else(|| self.ground_of_environment(p))
+            * self.ground_share(p)
+    }
+
+    /// Radiance of what the picture shows where `p` is in it.
+    pub fn picture_at(&self, p: Vec3) -> Option<Vec3> {
         let in_camera = self.camera_from_world.transform_point(p.as_dvec3());
         let seen = self.camera.project(in_camera).filter(|_| in_camera.z > 0.0);
-        let colour = seen.and_then(|pixel| {
+        seen.and_then(|pixel| {
             let (x, y) = (pixel.x.round(), pixel.y.round());
             let is_inside = x >= 0.0
                 && y >= 0.0
@@ -101,8 +108,7 @@ impl<'a> NearbyLight<'a> {
                 let brightness = self.vignetting.map_or(1.0, |v| v.at(pixel)).max(0.02);
                 Vec3::from(self.response.linear_from_rgb(codes)) / brightness as f32
             })
-        });
-        colour.unwrap_or_else(|| self.ground_of_environment(p)) * self.ground_share(p)
+        })
     }
 
     /// Radiance of the ground where the camera does not see it, with the shadows of virtual objects.

@@ -11,7 +11,8 @@
 //! L_far, environment and ground, is looked up by the composite. `light` is the mean radiance of
 //! virtual surfaces and of phantoms that the camera does not see, of each over all rays. Where the
 //! camera sees a phantom, `seen` is the share of the rays that meet it and `place` the mean of where
-//! they do in the picture: the composite looks that up.
+//! they do in the picture: the composite looks that up. Where they meet several faces, `light` has what the
+//! picture shows at each.
 //!
 //! A real mirror shows the real scene already. There, `light` is what it reflects of virtual surfaces,
 //! and `open` the share that remains of its picture: less where it shows one of those, or their shadow
@@ -40,6 +41,8 @@ const FADE: f32 = 0.05;
 /// Cosines of the angle at which the camera sees a face between which its picture replaces the face's mean
 /// colour: one that is seen nearly edge-on is a few pixels wide, and those of its edges show what is beside it.
 const EDGE_ON: (f32, f32) = (0.05, 0.2);
+/// Length of the mean of the normals of the faces that a lobe shows below which it shows several.
+const ONE_FACE: f32 = 0.9;
 /// Places within a pixel at which real mirrors are looked at, beside its centre.
 const WITHIN_PIXEL: [Vec2; 4] = [
     Vec2::new(-0.125, -0.375),
@@ -140,6 +143,21 @@ struct Mirror<'a> {
     /// Number of its rays.
     rays: f32,
     sum: Nearby,
+    faces: Faces,
+}
+
+/// The sides of phantoms in the picture that rays meet: sums of their normals, and of what the picture shows.
+#[derive(Default)]
+struct Faces {
+    normals: Vec3,
+    colours: Vec3,
+}
+
+impl Faces {
+    /// Whether the places of `seen` rays lie on several faces: their mean may lie on any.
+    fn are_several(&self, seen: f32) -> bool {
+        self.normals.length() < ONE_FACE * seen
+    }
 }
 
 /// A packet of rays that not all lanes have.
@@ -210,6 +228,7 @@ impl<'t> Tracer<'t> {
                 across: met.shading_normal.any_orthonormal_pair(),
                 met,
                 rays: 0.0,
+                faces: Faces::default(),
                 sum: Nearby {
                     open: 0.0,
                     z: if met.surface.phantom.is_some() {
@@ -403,6 +422,10 @@ impl<'t> Tracer<'t> {
             let number = met.surface.phantom.unwrap_or_default();
             mirror.sum.light += self.light.phantom(number, met.normal) * (1.0 - seen);
             mirror.sum.seen += seen;
+            mirror.faces.normals += met.normal * seen;
+            if seen > 0.0 {
+                mirror.faces.colours += self.light.picture_at(point).unwrap_or_default() * seen;
+            }
             if let Some((uv, depth)) = place {
                 // A face that is seen at an angle is narrow in the picture, and so is the lobe on it.
                 mirror.sum.place += uv.extend(facing * met.distance / depth) * seen;
@@ -561,14 +584,18 @@ impl Mirror<'_> {
             Vec3::ONE
         };
         let Nearby {
-            light,
+            mut light,
             open,
-            seen,
+            mut seen,
             place,
             z,
             normal,
             is_soft,
         } = self.sum;
+        if self.faces.are_several(seen) {
+            light += self.faces.colours;
+            seen = 0.0;
+        }
         Nearby {
             light: light * scale * reflectance,
             open: open * scale,

@@ -30,6 +30,8 @@ const COARSER: u32 = 2;
 pub(super) struct GroundGrid {
     texels: Vec<Texel>,
     pub shares: GroundShares,
+    /// Irradiance of the texels of the whole grid by light from afar, without virtual objects.
+    before: Vec<Vec3>,
     /// Radiance of the texels of the whole grid, without virtual objects.
     pub radiance: Vec<Vec3>,
     /// Their places; world, metres.
@@ -86,6 +88,7 @@ impl GroundGrid {
         let centres = places(side / LAMP_SQUARE).map(|point| (point, Vec3::Z));
         Self {
             shares: GroundShares(vec![Vec3::ONE; (whole * whole) as usize]),
+            before: vec![Vec3::ZERO; (whole * whole) as usize],
             radiance: vec![Vec3::ZERO; (whole * whole) as usize],
             places: places(whole).map(Vec3::truncate).collect(),
             compact: CompactSources::new(compact, region.offset()),
@@ -115,8 +118,9 @@ impl GroundGrid {
         let squares = self.side / LAMP_SQUARE;
         let found = |(i, texel): (usize, &Texel)| {
             let compact = self.compact.at(i);
-            let before = directions.irradiance_of_cells(Vec3::Z, !texel.behind_real);
-            let before = (before + compact.before).element_sum();
+            let irradiance = directions.irradiance_of_cells(Vec3::Z, !texel.behind_real);
+            let irradiance = irradiance + compact.before;
+            let before = irradiance.element_sum();
             let lost = texel.behind_virtual & !texel.behind_real;
             let lost = directions.irradiance_of_cells(Vec3::Z, lost);
             let lost = (lost + compact.before - compact.now).element_sum();
@@ -128,13 +132,14 @@ impl GroundGrid {
             let (x, y) = (i as u32 % self.side, i as u32 / self.side);
             let square = y / LAMP_SQUARE * squares + x / LAMP_SQUARE;
             let lamps = self.lamplight.at(square as usize) * per_irradiance;
-            Vec3::splat(left) + lamps
+            (Vec3::splat(left) + lamps, irradiance)
         };
-        let found: Vec<Vec3> = self.texels.iter().enumerate().map(found).collect();
-        self.shares.0 = expanded(self.side, found);
+        let (shares, before) = self.texels.iter().enumerate().map(found).unzip();
+        self.shares.0 = expanded(self.side, shares);
+        self.before = expanded(self.side, before);
     }
 
-    /// Computes the irradiance on every texel.
+    /// Computes the irradiance on every texel, and the ratio of all its light to that without virtual objects.
     pub fn gather(
         &self,
         surfels: &Surfels,
@@ -163,6 +168,13 @@ impl GroundGrid {
         out.change.ground = self.smoothed(self.texels.iter().map(change).collect());
         out.real.ground = reflected(&before);
         out.real_now.ground = reflected(&now);
+        let each = self.shares.0.iter().zip(&out.change.ground);
+        let before = self.before.iter().zip(&out.real.ground);
+        let each = each.zip(before).map(|((share, change), (far, near))| {
+            (*share + *change / (*far + *near).max(Vec3::splat(1e-6))).max(Vec3::ZERO)
+        });
+        out.nearby.ground.clear();
+        out.nearby.ground.extend(each);
     }
 
     /// Smooths twice with a tent over 3×3 texels: each texel has few rays. What lies below an object does

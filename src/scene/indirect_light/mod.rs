@@ -52,7 +52,7 @@ use penumbra_lighting::compact_source_specular::CompleteMap;
 use real_surfaces::RealPoints;
 use receivers::Receivers;
 use region::Region;
-use shares::{DistantLight, GroundShares, SideShares};
+use shares::{DistantLight, SideShares};
 use sides::Sides;
 use surfels::Surfels;
 use volume::Volume;
@@ -192,7 +192,7 @@ impl IndirectLightSolver {
             &mut self.light.on_virtual,
         );
         let nearby = &mut self.light.nearby;
-        write_nearby(&self.surfels, &self.sides.shares, shares, &light, nearby);
+        write_nearby(&self.surfels, &self.sides.shares, &light, nearby);
     }
 
     /// The indirect light of the last update.
@@ -205,7 +205,6 @@ impl IndirectLightSolver {
 fn write_nearby(
     surfels: &Surfels,
     sides: &SideShares,
-    ground: &GroundShares,
     light: &DistantLight<'_>,
     nearby: &mut NearbyRadiance,
 ) {
@@ -216,7 +215,6 @@ fn write_nearby(
         |part: usize| std::array::from_fn(|side| sides.radiance((6 * part + side) as u32, light));
     nearby.phantoms.clear();
     nearby.phantoms.extend((0..light.phantoms.len()).map(sides));
-    nearby.ground.clone_from(&ground.0);
 }
 
 #[cfg(test)]

@@ -317,6 +317,28 @@ fn shadows_of_compact_sources_lie_where_they_belong() {
 }
 
 #[test]
+fn ground_that_virtual_objects_light_is_brighter_by_that() {
+    // A glowing wall that ends 0.1 from the middle, under a sun of irradiance 3 that no shadow of it reaches.
+    let wall = primitives::cuboid(Vec3::new(0.2, 0.2, 0.1));
+    let scene = Scene {
+        virtual_parts: vec![part_of(wall, 0.0, 1.0, DMat4::IDENTITY)],
+        ground_height: Some(0.0),
+        ..Scene::default()
+    };
+    let mut solver = IndirectLightSolver::new(&scene, &casters(&scene)).unwrap();
+    let sun = sunlight(Vec3::Z, penumbra_lighting::LightPlace::FAR);
+    solver.update(&sun, real(&[]), &[]);
+    let light = solver.light();
+    let along = (0..20).map(|k| glam::Vec2::new(0.12, 0.001 * k as f32 - 0.01));
+    let share = along.map(|place| ground_share(light, place)).sum::<f32>() / 20.0;
+    let expected = 1.0 + on_ground_beside(light, 0.02) / 3.0;
+    assert!(
+        expected > 1.2 && (share / expected - 1.0).abs() < 0.02,
+        "{share} {expected}"
+    );
+}
+
+#[test]
 fn wall_lacks_the_light_of_ground_in_a_virtual_shadow_as_bright_as_that_is() {
     let place = DMat4::from_translation(glam::DVec3::X * 0.3);
     let scene = Scene {

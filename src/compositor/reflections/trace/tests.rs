@@ -196,6 +196,31 @@ fn side_that_the_camera_does_not_see_has_its_mean_radiance() {
 }
 
 #[test]
+fn faces_about_an_edge_are_mirrored_each_as_the_picture_shows_it() {
+    let glossy = Material {
+        roughness: 0.25,
+        ..mirror()
+    };
+    let size = Vec3::new(0.2, 0.2, 0.2);
+    let body = part(
+        primitives::cuboid(size),
+        Vec3::new(0.4, 0.3, 0.0),
+        Material::default(),
+    );
+    let ground = part(primitives::plane(2.0, 2.0), Vec3::ZERO, glossy);
+    let scene = scene(vec![ground], vec![body]);
+    // On the front, and on the edge between that and the left side, which the camera sees, too.
+    let at = [Vec3::new(0.4, 0.2, 0.08), Vec3::new(0.3, 0.2, 0.08)].map(image_of);
+    let [front, edge] = mirrored(&scene, 24, &at)[..] else {
+        panic!("two points");
+    };
+    assert!(front.seen > 0.9 && front.light.length() < 0.05, "{front:?}");
+    // The picture is white.
+    assert!(edge.seen == 0.0 && edge.light.x > 0.3, "{edge:?}");
+    assert!((edge.light.x + edge.open - 1.0).abs() < 0.05, "{edge:?}");
+}
+
+#[test]
 fn virtual_surfaces_mirror_each_other_twice() {
     let lamp = Material {
         emissive: Vec3::new(0.0, 2.0, 0.0),
