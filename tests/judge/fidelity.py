@@ -50,6 +50,8 @@ SHOWN = "image-based-shadowing, shown"
 SHOWN_TIMES, SHOWN_LEAST = 4, 0.75
 # ... and at least so many pictures: a loop of a third of a second skips the same ones several times.
 SHOWN_PICTURES = 120
+# A short loop may skip the same frames again and again: it is replayed anew, as often as this.
+SHOWN_REPLAYS = 4
 #: Limits of the figures of steadiness.
 STEADY = {"pump": 0.05, "step": 0.1, "shimmer": 1.05}
 # Column of judge.py, heading of the table, digits.
@@ -118,16 +120,22 @@ def replay(a: argparse.Namespace, rig: Rig, mcap: Path, frames: Path, arguments:
 
 def shown(mcap: Path, rig: Rig, work: Path, live: Path, a: argparse.Namespace) -> dict[str, float]:
     """The figures of what a viewer sees. `live`: the pictures of the live row, as many as the recording has."""
-    frames = work / "frames-shown"
-    if not a.compare_only:
-        for old in frames.glob("*.png"):
-            old.unlink()
-        count = max(SHOWN_TIMES * len(list(live.glob("*.png"))), SHOWN_PICTURES)
-        replay(a, rig, mcap, frames, ["--quality", "live", "--speed", "1", "--loop", "--as-shown", "--frames", str(count)], SHOWN)
     # Imports numpy, which this script's first Python may lack.
-    from judge import judge_pictures
+    from judge import Unjudged, judge_pictures
 
-    return judge_pictures(rig.truth, frames, rig.every, SHOWN_LEAST)
+    frames = work / "frames-shown"
+    if a.compare_only:
+        return judge_pictures(rig.truth, frames, rig.every, SHOWN_LEAST)
+    for old in frames.glob("*.png"):
+        old.unlink()
+    count = max(SHOWN_TIMES * len(list(live.glob("*.png"))), SHOWN_PICTURES)
+    for _ in range(SHOWN_REPLAYS):
+        replay(a, rig, mcap, frames, ["--quality", "live", "--speed", "1", "--loop", "--as-shown", "--frames", str(count)], SHOWN)
+        try:
+            return judge_pictures(rig.truth, frames, rig.every, SHOWN_LEAST)
+        except Unjudged as error:
+            reason = error
+    raise reason
 
 
 def extra_arguments(extra: list[str], rig: str) -> list[str]:
@@ -195,10 +203,13 @@ def bars_over_time(rig: Rig, frames: Path) -> list[tuple[str, float, float]]:
 
 def attempt(rig: Rig, a: argparse.Namespace) -> Result | None:
     """Judges one rig; None, and a message, if that fails."""
+    # Imports numpy, which this script's first Python may lack.
+    from judge import Unjudged
+
     started = time.monotonic()
     try:
         result = judged(rig, a)
-    except (Failed, OSError, KeyError, ValueError) as error:
+    except (Failed, Unjudged, OSError, KeyError, ValueError) as error:
         print(f"FAILED {rig.name}: {type(error).__name__}: {error}", file=sys.stderr)
         return None
     print(f"{rig.name}: {time.monotonic() - started:.0f} s", file=sys.stderr)
