@@ -9,10 +9,12 @@ mod bounce;
 mod bvh;
 mod nearby;
 mod nearby_scene;
+mod pixel_mean;
 mod radiance;
 mod stage;
 mod texel;
 mod trace;
+mod view;
 
 pub use nearby_scene::NearbyScene;
 pub use stage::{ReflectionTiles, ReflectionsStage};

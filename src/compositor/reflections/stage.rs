@@ -9,7 +9,8 @@ use super::nearby::{Between, Nearby, PERIOD};
 use super::nearby_scene::NearbyScene;
 use super::radiance::NearbyLight;
 use super::texel::{NOTHING, Texel, is_changed, is_uneven, packed, unpacked};
-use super::trace::{Lobes, Tracer, View, slopes};
+use super::trace::{BESIDE_CENTRE, Lobes, Tracer, WITHIN_PIXEL, slopes};
+use super::view::View;
 use crate::compiled::Device;
 use glam::{DMat4, Vec2};
 use penumbra_camera::Response;
@@ -341,8 +342,12 @@ impl Work<'_> {
 
     fn fill_finely(&self, waiting: &mut Waiting<'_>, texels: &mut [Texel]) {
         let known = waiting.texels.map(|texel| unpacked(&texels[texel]));
-        let is_best = self.step == 1;
-        let found = (self.tracer).trace_finely(waiting.lobes(), waiting.filled(), known, is_best);
+        let places = match self.step {
+            1 => &WITHIN_PIXEL[..],
+            _ => &BESIDE_CENTRE,
+        };
+        let pixels = waiting.filled();
+        let found = (self.tracer).trace_finely(waiting.lobes(), places, pixels, known);
         for (found, texel) in found.iter().zip(&waiting.texels[..waiting.count]) {
             texels[*texel] = packed(found);
         }

@@ -59,11 +59,15 @@ fn with_common_exponent(light: Vec3) -> u32 {
     r | g << 9 | b << 18 | (exponent as u32) << 27
 }
 
+/// Change of a picture's light, as a share, that is less than a code.
+const VISIBLE: f32 = 1.0 / 512.0;
+
 /// Whether a real mirror shows something else than the camera's picture.
 pub fn is_changed(&[light, open_seen, _, z]: &Texel) -> bool {
     let low = |bits: u32| f16::from_bits(bits as u16);
     let is_lit = light & 0x07ff_ffff != 0;
-    low(z >> 16) < f16::ZERO && (is_lit || low(open_seen) != f16::ONE)
+    let open = low(open_seen).to_f32();
+    low(z >> 16) < f16::ZERO && (is_lit || (open - 1.0).abs() > VISIBLE)
 }
 
 /// The light of [`with_common_exponent`]; twin of WGSL `light_of`.
@@ -90,8 +94,11 @@ pub fn unpacked(&[light, open_seen, place, z]: &Texel) -> Nearby {
 /// Whether pixel `own` of rows of `across` mirrors something else than one beside it on the same virtual
 /// surface.
 pub fn is_uneven(texels: &[Texel], across: usize, own: usize) -> bool {
+    if texels[own] == NOTHING {
+        return false;
+    }
     let nearby = unpacked(&texels[own]);
-    if nearby.z <= 0.0 {
+    if nearby.is_in_real_mirror() {
         return false;
     }
     let is_uneven = |other: usize| {

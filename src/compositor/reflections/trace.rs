@@ -22,10 +22,10 @@ use super::bounce::{Beam, Bounce, bounce, lifted};
 use super::bvh::{LANES, Lanes, Rays};
 use super::nearby::{Nearby, PERIOD};
 use super::nearby_scene::{Met, NearbyScene};
+use super::pixel_mean::{PixelMean, is_same};
 use super::radiance::NearbyLight;
-use glam::{Mat3, Vec2, Vec3};
-use penumbra_camera::PinholeCamera;
-use penumbra_interface::RigidTransform;
+use super::view::{View, inside};
+use glam::{Vec2, Vec3};
 use penumbra_numerics::smoothstep;
 
 /// Lobes narrower than this are traced by one ray.
@@ -36,69 +36,22 @@ const MIRROR: f32 = 0.015;
 const WIDE: f32 = 0.8;
 /// Share of the distance to the camera that is free if nothing hides a point.
 const FREE: f32 = 1.0 - 1e-3;
-/// Part of the picture's width over which reflections of the picture fade towards its edges.
-const FADE: f32 = 0.05;
 /// Cosines of the angle at which the camera sees a face between which its picture replaces the face's mean
 /// colour: one that is seen nearly edge-on is a few pixels wide, and those of its edges show what is beside it.
 const EDGE_ON: (f32, f32) = (0.05, 0.2);
 /// Length of the mean of the normals of the faces that a lobe shows below which it shows several.
 const ONE_FACE: f32 = 0.9;
-/// Places within a pixel at which real mirrors are looked at, beside its centre.
-const WITHIN_PIXEL: [Vec2; 4] = [
+/// Places within a pixel, beside its centre.
+pub const WITHIN_PIXEL: [Vec2; 4] = [
     Vec2::new(-0.125, -0.375),
     Vec2::new(0.375, -0.125),
     Vec2::new(-0.375, 0.125),
     Vec2::new(0.125, 0.375),
 ];
 /// Two such places, which with the centre lie on a line that is neither a row nor a column.
-const BESIDE_CENTRE: [Vec2; 2] = [Vec2::new(-0.25, 0.25), Vec2::new(0.25, -0.25)];
-/// Share of the distance by which two places within a pixel may differ and show the same surface.
-const SAME: f32 = 0.02;
+pub const BESIDE_CENTRE: [Vec2; 2] = [Vec2::new(-0.25, 0.25), Vec2::new(0.25, -0.25)];
 /// Angle between successive points of a spiral.
 const GOLDEN: f32 = 2.399_963_2;
-
-/// The camera of a frame without distortion.
-pub struct View {
-    camera: PinholeCamera,
-    eye: Vec3,
-    world_from_camera: Mat3,
-}
-
-impl View {
-    pub fn new(camera: &PinholeCamera, pose: RigidTransform) -> Self {
-        Self {
-            camera: camera.clone(),
-            eye: pose.translation.as_vec3(),
-            world_from_camera: Mat3::from_quat(pose.rotation.as_quat()),
-        }
-    }
-
-    /// The direction of a pixel, 1 long along the camera's axis.
-    fn through(&self, pixel: Vec2) -> Vec3 {
-        let (focal, centre) = (self.camera.focal.as_vec2(), self.camera.centre.as_vec2());
-        self.world_from_camera * ((pixel - centre) / focal).extend(1.0)
-    }
-
-    /// Where the picture shows `p`, in the picture's width and height, and its distance along the
-    /// camera's axis, metres; `None` behind the camera.
-    fn place_of(&self, p: Vec3) -> Option<(Vec2, f32)> {
-        let own = self.world_from_camera.transpose() * (p - self.eye);
-        let (focal, centre) = (self.camera.focal.as_vec2(), self.camera.centre.as_vec2());
-        let size = Vec2::new(self.camera.width as f32, self.camera.height as f32);
-        let uv = (own.truncate() / own.z * focal + centre + 0.5) / size;
-        (own.z > 0.0).then_some((uv, own.z))
-    }
-
-    /// Whether the picture shows `p`, if nothing hides it.
-    fn shows(&self, p: Vec3) -> bool {
-        self.place_of(p).is_some_and(|(uv, _)| inside(uv) > 0.0)
-    }
-}
-
-/// 1 within the picture, 0 beside it, in between at its edges.
-fn inside(uv: Vec2) -> f32 {
-    smoothstep(0.0, FADE, uv.min(1.0 - uv).min_element())
-}
 
 /// Everything that rays meet.
 pub struct Tracer<'a> {
@@ -278,31 +231,26 @@ impl<'t> Tracer<'t> {
     /// The same at outlines, by the mean over each pixel: there a surface turns away from the camera
     /// within a pixel and mirrors half of its surroundings, which would be a row of dots.
     pub fn trace_outlines(&self, lobes: Lobes<'_>, pixels: [Vec2; LANES]) -> [Nearby; LANES] {
-        let mut found: [OutlineMean; LANES] = std::array::from_fn(|_| OutlineMean::default());
+        let mut found: [PixelMean; LANES] = std::array::from_fn(|_| PixelMean::default());
         for offset in WITHIN_PIXEL {
             let more = self.trace(lobes, pixels.map(|pixel| pixel + offset));
             for (found, more) in found.iter_mut().zip(more) {
                 found.add(more);
             }
         }
-        found.map(OutlineMean::mean)
+        found.map(PixelMean::mean)
     }
 
-    /// The means of what pixels mirror at their centres, which is `known`, and at places within them, more
-    /// of them for the best quality, as far as these show the same surface.
+    /// The means of what pixels mirror at their centres, which is `known`, and at `places` beside these that
+    /// show the same surface.
     pub fn trace_finely(
         &self,
         lobes: Lobes<'_>,
+        places: &[Vec2],
         pixels: [Vec2; LANES],
         known: [Nearby; LANES],
-        is_best: bool,
     ) -> [Nearby; LANES] {
-        let mut found = known.map(OutlineMean::of);
-        let places = if is_best {
-            &WITHIN_PIXEL[..]
-        } else {
-            &BESIDE_CENTRE
-        };
+        let mut found = known.map(PixelMean::of);
         for offset in places {
             let more = self.trace(lobes, pixels.map(|pixel| pixel + *offset));
             for ((found, more), known) in found.iter_mut().zip(more).zip(&known) {
@@ -311,7 +259,7 @@ impl<'t> Tracer<'t> {
                 }
             }
         }
-        found.map(OutlineMean::mean)
+        found.map(PixelMean::mean)
     }
 
     /// Traces ray `number` of each mirror.
@@ -495,55 +443,6 @@ impl<'t> Tracer<'t> {
         } else {
             self.light.sky(origin, direction, width, spread)
         }
-    }
-}
-
-/// What a surface mirrors on average at the places within a pixel that show it: the nearest one.
-#[derive(Default)]
-struct OutlineMean {
-    sum: Option<Nearby>,
-    count: f32,
-}
-
-/// Whether two places within a pixel show the same surface.
-fn is_same(a: &Nearby, b: &Nearby) -> bool {
-    (a.z - b.z).abs() <= SAME * b.z.abs()
-}
-
-impl OutlineMean {
-    const fn of(first: Nearby) -> Self {
-        Self {
-            sum: Some(first),
-            count: 1.0,
-        }
-    }
-
-    fn add(&mut self, more: Nearby) {
-        if more.z == 0.0 {
-            return;
-        }
-        match &mut self.sum {
-            Some(sum) if is_same(&more, sum) => {
-                sum.light += more.light;
-                sum.open += more.open;
-                // The place is a mean over what is seen.
-                let seen = sum.seen + more.seen;
-                sum.place = (sum.place * sum.seen + more.place * more.seen) / seen.max(1e-6);
-                sum.seen = seen;
-                self.count += 1.0;
-            }
-            Some(sum) if sum.z.abs() <= more.z.abs() => (),
-            _ => (self.sum, self.count) = (Some(more), 1.0),
-        }
-    }
-
-    fn mean(self) -> Nearby {
-        self.sum.map_or(Nearby::NOTHING, |sum| Nearby {
-            light: sum.light / self.count,
-            open: sum.open / self.count,
-            seen: sum.seen / self.count,
-            ..sum
-        })
     }
 }
 

@@ -1,8 +1,8 @@
 use super::super::super::frame_input::FrameInput;
 use super::*;
 use glam::{DMat3, DMat4, DQuat, DVec2, DVec3};
-use penumbra_camera::Response;
-use penumbra_interface::MonotonicTime;
+use penumbra_camera::{PinholeCamera, Response};
+use penumbra_interface::{MonotonicTime, RigidTransform};
 use penumbra_lighting::{CubeMap, Harmonics, Lighting};
 use penumbra_picture::Picture;
 use penumbra_scene::indirect_light::NearbyRadiance;
@@ -26,6 +26,16 @@ fn mirror() -> Material {
     Material {
         metallic: 1.0,
         roughness: 0.0,
+        ..Material::default()
+    }
+}
+
+/// Of radiance 2.
+fn green_lamp() -> Material {
+    Material {
+        emissive: Vec3::new(0.0, 2.0, 0.0),
+        base_colour: Vec3::ZERO.extend(1.0),
+        specular: 0.0,
         ..Material::default()
     }
 }
@@ -222,12 +232,7 @@ fn faces_about_an_edge_are_mirrored_each_as_the_picture_shows_it() {
 
 #[test]
 fn virtual_surfaces_mirror_each_other_twice() {
-    let lamp = Material {
-        emissive: Vec3::new(0.0, 2.0, 0.0),
-        base_colour: Vec3::ZERO.extend(1.0),
-        specular: 0.0,
-        ..Material::default()
-    };
+    let lamp = green_lamp();
     let at = Vec3::new(0.0, 0.25, 0.0);
     let cube = |material| part(primitives::cuboid(Vec3::splat(0.1)), at, material);
     let front = image_of(Vec3::new(0.0, 0.2, 0.05));
@@ -246,12 +251,7 @@ fn virtual_surfaces_mirror_each_other_twice() {
 
 #[test]
 fn third_reflection_shows_what_it_meets() {
-    let lamp = Material {
-        emissive: Vec3::new(0.0, 2.0, 0.0),
-        base_colour: Vec3::ZERO.extend(1.0),
-        specular: 0.0,
-        ..Material::default()
-    };
+    let lamp = green_lamp();
     let body = |size, at, material| part(primitives::cuboid(size), at, material);
     let front = Vec3::new(0.0, 0.2, 0.05);
     // Above the camera's rays, where the front reflects to, and behind the front, where this reflects to.
@@ -277,12 +277,7 @@ fn third_reflection_shows_what_it_meets() {
 
 #[test]
 fn real_mirror_shows_what_is_virtual_and_keeps_the_rest() {
-    let lamp = Material {
-        emissive: Vec3::new(0.0, 2.0, 0.0),
-        base_colour: Vec3::ZERO.extend(1.0),
-        specular: 0.0,
-        ..Material::default()
-    };
+    let lamp = green_lamp();
     let cube = |x, material| {
         let size = Vec3::splat(0.1);
         part(primitives::cuboid(size), Vec3::new(x, 0.25, 0.0), material)
@@ -367,7 +362,7 @@ fn an_outline_is_the_mean_of_the_nearest_surface_alone() {
         z,
         ..Nearby::NOTHING
     };
-    let mut mean = OutlineMean::default();
+    let mut mean = PixelMean::default();
     for each in [
         place(0.9, 8.0, 0.0),
         place(0.5, 1.0, 1.0),
@@ -381,7 +376,7 @@ fn an_outline_is_the_mean_of_the_nearest_surface_alone() {
         (mean.light, mean.open, mean.z),
         (Vec3::splat(2.0), 0.75, 0.5)
     );
-    assert_eq!(OutlineMean::default().mean(), Nearby::NOTHING);
+    assert_eq!(PixelMean::default().mean(), Nearby::NOTHING);
 }
 
 #[test]
