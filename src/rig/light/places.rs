@@ -39,6 +39,9 @@ const ROUNDS: usize = 8;
 const SETTLED: f32 = 1.03;
 /// Factor on a lamp's light that makes the light another.
 const MUCH: f32 = 1.2;
+/// Factor between the light of a source that is gone and that of a new one, below which they may be the same
+/// lamp.
+const SAME_LAMP: f32 = 1.5;
 /// Angle between a stated light and a source, radians, in addition to the source's radius, up to
 /// which they are the same.
 const STATED_WITHIN: f32 = 0.15;
@@ -171,13 +174,15 @@ impl LampPlaces {
     }
 
     /// Takes over the directions of lamps that are followed, and forgets the others, and those that
-    /// part from another source: which of the two is which is not certain. One that is gone may be hidden.
+    /// part from another source: which of the two is which is not certain. One that is gone may be hidden, if
+    /// it has not come out elsewhere.
     fn follow(&mut self, sources: &[CompactSource], estimator: &EnvironmentEstimator) {
         let before = std::mem::replace(&mut self.sources, sources.to_vec());
         self.known.retain_mut(|known| {
             let source = sources.iter().find(|s| s.id == known.id);
             let gone = before.iter().find(|s| s.id == known.id && source.is_none());
-            if gone.is_some_and(|gone| self.unseen.lose(gone, estimator)) {
+            let hidden = gone.filter(|gone| !has_moved(gone, &before, sources));
+            if hidden.is_some_and(|gone| self.unseen.lose(gone, estimator)) {
                 self.rests = 0;
             }
             known.direction = source.map_or(known.direction, |s| s.direction);
@@ -452,6 +457,15 @@ impl LampPlaces {
     }
 }
 
+/// Whether a source that is `gone` is probably one of the new ones: it has moved farther than it could be
+/// followed.
+fn has_moved(gone: &CompactSource, before: &[CompactSource], now: &[CompactSource]) -> bool {
+    let is_new = |s: &&CompactSource| !s.is_unseen && before.iter().all(|b| b.id != s.id);
+    let light = |s: &CompactSource| s.irradiance.element_sum();
+    let mut new = now.iter().filter(is_new).map(light);
+    new.any(|new| new.max(light(gone)) < SAME_LAMP * new.min(light(gone)))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -524,6 +538,19 @@ mod tests {
         };
         assert!(places.place_stated(&[clipped], DVec3::ZERO));
         assert_eq!((places.settling, places.rests), (SETTLING, 0));
+    }
+
+    #[test]
+    fn source_that_is_gone_may_have_moved() {
+        let gone = source(1, 0.0);
+        let before = [gone, source(2, 1.0)];
+        let dim = CompactSource {
+            irradiance: Vec3::splat(0.5),
+            ..source(3, 2.0)
+        };
+        assert!(has_moved(&gone, &before, &[source(2, 1.0), source(3, 2.0)]));
+        assert!(!has_moved(&gone, &before, &[source(2, 1.0), dim]));
+        assert!(!has_moved(&gone, &before, &[source(2, 1.0)]));
     }
 
     #[test]
