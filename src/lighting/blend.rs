@@ -24,7 +24,7 @@ use std::sync::Arc;
 const BLENDED: u64 = 1 << 63;
 /// Maximum number of recycled blends: in use by the compositor, waiting for it, being prepared.
 const MAX_RECYCLED: usize = 4;
-/// Factor of the total flux between two lights from which the real light has jumped, e.g. because
+/// Factor of the total flux between the lights of two successive environment pictures from which the real light has jumped, e.g. because
 /// a lamp was switched. Movement alone hardly changes the total flux.
 const JUMP_FACTOR: f32 = 1.25;
 /// Change of the irradiance on a surface that faces any of six sides, as a share of the largest of
@@ -101,18 +101,21 @@ pub fn can_blend(from: &Lighting, to: &Lighting) -> bool {
 
 /// Returns whether the real light has jumped from `from` to `to` (a lamp was switched, a curtain
 /// opened) instead of having moved or changed gradually: its total flux has changed by more than a
-/// factor, or a large share of it now comes from elsewhere.
+/// factor, or a large share of it now comes from elsewhere. `to` is that of the `pictures`-th
+/// environment picture after that of `from`, and light without jumps may change as much from each to the
+/// next.
 #[must_use]
-pub fn has_jumped(from: &Lighting, to: &Lighting) -> bool {
+pub fn has_jumped(from: &Lighting, to: &Lighting, pictures: u32) -> bool {
+    let pictures = pictures.max(1) as f32;
     let flux = |l: &Lighting| -> f32 { l.lights.iter().map(|l| l.irradiance.dot(LUMINANCE)).sum() };
     let (a, b) = (flux(from).max(0.0), flux(to).max(0.0));
-    if a.max(b) > JUMP_FACTOR * a.min(b) {
+    if a.max(b) > JUMP_FACTOR.powf(pictures) * a.min(b) {
         return true;
     }
     let (from, to) = (side_irradiance(from), side_irradiance(to));
     let most = from.iter().chain(&to).copied().fold(0.0, f32::max);
     let mut pairs = from.iter().zip(to);
-    pairs.any(|(a, b)| (a - b).abs() > JUMP_SHARE * most)
+    pairs.any(|(a, b)| (a - b).abs() > pictures * JUMP_SHARE * most)
 }
 
 /// Returns the luminance of the dome lights' irradiance on surfaces that face ±X, ±Y and ±Z.

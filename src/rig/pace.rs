@@ -10,8 +10,9 @@ const MAX_DELAY: Duration = Duration::from_millis(50);
 /// Maximum recorded time between two frames. A larger or negative difference is a jump of the
 /// recorder's clock or a pause of the recording, and is not replayed.
 const MAX_GAP_SECONDS: f64 = 5.0;
-/// Interval at which a request to stop is checked while waiting.
-const STOP_CHECK_INTERVAL: Duration = Duration::from_millis(50);
+/// Interval at which a request to stop is checked, and what goes on meanwhile is looked after, while
+/// waiting.
+pub(super) const POLL_INTERVAL: Duration = Duration::from_millis(10);
 
 /// Computes when each frame is due and waits for it.
 pub(super) struct Pace {
@@ -41,9 +42,16 @@ impl Pace {
         self.start = None;
     }
 
-    /// Waits until a frame that arrived at `at` is due, or until `stop`. Returns false if the frame
-    /// is late and must be skipped. If all frames are kept, a late frame restarts the pace.
-    pub fn wait(&mut self, at: MonotonicTime, stop: &AtomicBool) -> bool {
+    /// Waits until a frame that arrived at `at` is due, or until `stop`, and calls `meanwhile` at
+    /// least once and then again and again. Returns false if the frame is late and must be skipped. If
+    /// all frames are kept, a late frame restarts the pace.
+    pub fn wait(
+        &mut self,
+        at: MonotonicTime,
+        stop: &AtomicBool,
+        mut meanwhile: impl FnMut(),
+    ) -> bool {
+        meanwhile();
         let now = Instant::now();
         let Some(due) = self.due(at, now) else {
             return true;
@@ -53,7 +61,8 @@ impl Pace {
             if left.is_zero() {
                 break;
             }
-            std::thread::sleep(left.min(STOP_CHECK_INTERVAL));
+            std::thread::sleep(left.min(POLL_INTERVAL));
+            meanwhile();
         }
         let is_late = now.saturating_duration_since(due) >= MAX_DELAY;
         if is_late && self.keep_all {
@@ -125,9 +134,11 @@ mod tests {
         pace.start = Some((Instant::now() - Duration::from_secs(1), at(0)));
         pace.previous = at(0);
         assert!(pace.is_late(at(10)) && !pace.is_late(at(2000)));
-        assert!(!pace.wait(at(10), &go));
+        assert!(!pace.wait(at(10), &go, || ()));
         // Due in four seconds; the stop request must end the wait.
-        assert!(pace.wait(at(5000), &stop));
+        let mut calls = 0;
+        assert!(pace.wait(at(5000), &stop, || calls += 1));
+        assert!(calls > 0);
     }
 
     #[test]
@@ -138,7 +149,7 @@ mod tests {
         pace.start = Some((second_ago, at(0)));
         pace.previous = at(0);
         assert!(!pace.is_late(at(10)));
-        assert!(pace.wait(at(10), &go));
+        assert!(pace.wait(at(10), &go, || ()));
         // Later frames follow at the recorded intervals again.
         let now = Instant::now();
         assert_eq!(pace.due(at(20), now), Some(now));

@@ -20,7 +20,7 @@ use crate::light::state::{LightRequest, LightState};
 use crate::light::updates::SceneUpdates;
 use crate::light::view::SphereAt;
 use crate::light::worker::LightUpdater;
-use crate::pace::Pace;
+use crate::pace::{POLL_INTERVAL, Pace};
 use crate::playback::{AtEnd, END_INTERVAL, Transport};
 use crate::registration::{TagRegistration, TrackerEstimate};
 use crate::release::Release;
@@ -28,7 +28,7 @@ use crate::settings::pairing_config;
 use crate::setup::RigSetup;
 use crate::setup::TRACKER_NOISE;
 use crate::source::Source;
-use crossbeam_channel::{Receiver, Sender, bounded};
+use crossbeam_channel::{Receiver, SendTimeoutError, Sender, bounded};
 use glam::DVec3;
 use penumbra_camera::{ExposureMotion, PinholeCamera, RollingShutter};
 use penumbra_capture::Next;
@@ -406,16 +406,17 @@ impl Worker {
                 return true;
             }
             self.follow_pauses();
-            self.lights.poll();
             let captured_at = frame.frame.captured_at;
-            frame.light = self.lights.light_at(captured_at);
-            frame.coming_light = self.release.coming_light(&mut self.lights, captured_at);
+            self.lights.show(captured_at);
             let arrived_at = frame.frame.scene.arrived_at;
-            let is_due = |pace: &mut Pace| pace.wait(arrived_at, &self.stop);
+            let lights = &mut self.lights;
+            let is_due = |pace: &mut Pace| pace.wait(arrived_at, &self.stop, || lights.poll());
             if !self.pace.as_mut().is_none_or(is_due) {
                 self.release.skip(1);
                 continue;
             }
+            frame.light = self.lights.light_at(captured_at);
+            frame.coming_light = self.release.coming_light(&mut self.lights, captured_at);
             self.release.mark(&mut frame);
             if !self.send(PreparationEvent::Frame(frame)) {
                 return false;
@@ -424,9 +425,18 @@ impl Worker {
         true
     }
 
-    /// Sends an event; false if nobody takes it any more.
-    fn send(&self, event: PreparationEvent) -> bool {
-        !self.stop.load(Ordering::Relaxed) && self.steps.send(event).is_ok()
+    /// Sends an event; false if nobody takes it any more. Light is estimated also while the compositor
+    /// is busy.
+    fn send(&mut self, mut event: PreparationEvent) -> bool {
+        while !self.stop.load(Ordering::Relaxed) {
+            match self.steps.send_timeout(event, POLL_INTERVAL) {
+                Ok(()) => return true,
+                Err(SendTimeoutError::Timeout(refused)) => event = refused,
+                Err(SendTimeoutError::Disconnected(_)) => return false,
+            }
+            self.lights.poll();
+        }
+        false
     }
 
     /// Returns the counts so far; `is_over` at the end of a recording.

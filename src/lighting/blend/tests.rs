@@ -186,14 +186,24 @@ fn jump_is_a_switched_lamp_and_not_a_moving_one() {
         lighting(lights)
     };
     let here = with(direction(0.0, 0.5), 1.0);
-    assert!(!has_jumped(&here, &here));
-    assert!(!has_jumped(&here, &with(direction(0.1, 0.55), 1.1)));
-    assert!(has_jumped(&here, &with(direction(0.0, 0.5), 0.0)));
-    assert!(has_jumped(&with(direction(0.0, 0.5), 0.0), &here));
+    assert!(!has_jumped(&here, &here, 1));
+    assert!(!has_jumped(&here, &with(direction(0.1, 0.55), 1.1), 1));
+    assert!(has_jumped(&here, &with(direction(0.0, 0.5), 0.0), 1));
+    assert!(has_jumped(&with(direction(0.0, 0.5), 0.0), &here, 1));
     // Another lamp of the same flux.
-    assert!(has_jumped(&here, &with(direction(3.1, 0.5), 1.0)));
+    assert!(has_jumped(&here, &with(direction(3.1, 0.5), 1.0), 1));
     let dark = lighting(Vec::new());
-    assert!(!has_jumped(&dark, &dark));
+    assert!(!has_jumped(&dark, &dark, 1));
+    // Light that fades evenly, seen in every third picture.
+    let faded = |pictures: i32| {
+        let mut lights = room.clone();
+        for light in &mut lights {
+            light.irradiance *= 0.85_f32.powi(pictures);
+        }
+        lighting(lights)
+    };
+    assert!(!has_jumped(&faded(0), &faded(1), 1) && !has_jumped(&faded(0), &faded(3), 3));
+    assert!(has_jumped(&faded(0), &faded(3), 1));
 }
 
 fn map(value: f32, towards: Vec3) -> CubeMap {

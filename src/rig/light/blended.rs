@@ -3,6 +3,7 @@
 use crate::light::state::LightState;
 use penumbra_interface::MonotonicTime;
 use penumbra_lighting::Blender;
+use penumbra_lighting::blend::{can_blend, has_jumped};
 use penumbra_scene::IndirectLightBlender;
 
 /// Maximum time between two environment pictures between which light is interpolated,
@@ -57,13 +58,13 @@ impl LightMixer {
 
 /// Returns the time between the environment pictures of two lights, nanoseconds, if the light may
 /// be interpolated between them: the second is later, not by more than [`MAX_INTERVAL_NANOS`],
-/// both have the same structure, and the real light has not jumped.
-pub(crate) fn interval(from: &LightState, to: &LightState) -> Option<i64> {
+/// both have the same structure, and the real light has not jumped. `pictures`: see [`has_jumped`].
+pub(crate) fn interval(from: &LightState, to: &LightState, pictures: u32) -> Option<i64> {
     let (from, to) = (from.lighting.as_deref()?, to.lighting.as_deref()?);
     let nanos = to.captured_at.nanos_since(from.captured_at);
     let is_gradual = (1..=MAX_INTERVAL_NANOS).contains(&nanos)
-        && penumbra_lighting::blend::can_blend(from, to)
-        && !penumbra_lighting::blend::has_jumped(from, to);
+        && can_blend(from, to)
+        && !has_jumped(from, to, pictures);
     is_gradual.then_some(nanos)
 }
 

@@ -462,6 +462,7 @@ impl LightEstimator {
         let estimator = self.estimator.as_ref();
         LightState {
             lighting: self.lighting.clone(),
+            number: self.generation.unwrap_or(0),
             indirect: self.indirect.light().map(|light| Arc::new(light.clone())),
             white_balance: Some(Arc::new(self.match_status())),
             sources: Arc::new(

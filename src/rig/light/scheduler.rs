@@ -21,7 +21,7 @@ use penumbra_session::LightRecord;
 pub(crate) struct LightScheduler {
     mode: Mode,
     active: ActiveLight,
-    /// The instant of the last light that was asked for.
+    /// The instant of the last picture that was to be shown.
     shown: Option<MonotonicTime>,
 }
 
@@ -155,9 +155,13 @@ impl LightScheduler {
         self.active.lights.is_settled(at)
     }
 
+    /// Notes that the picture captured at `at` is the next to be shown.
+    pub const fn show(&mut self, at: MonotonicTime) {
+        self.shown = Some(at);
+    }
+
     /// Returns the light of the picture captured at `at`.
     pub fn light_at(&mut self, at: MonotonicTime) -> LightState {
-        self.shown = Some(at);
         self.active.at(at)
     }
 

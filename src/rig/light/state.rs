@@ -81,6 +81,8 @@ pub(crate) const STATED_AT: MonotonicTime = MonotonicTime::from_nanos(i64::MAX);
 pub struct LightState {
     /// Light of the distant environment.
     pub lighting: Option<Arc<Lighting>>,
+    /// Number of its environment picture; 0 without one.
+    pub number: u64,
     /// Indirect light: light that virtual objects reflect onto the scene and each other.
     pub indirect: Option<Arc<IndirectLight>>,
     /// State of the white balance between the cameras.

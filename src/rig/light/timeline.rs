@@ -55,7 +55,8 @@ impl LightTimeline {
         let Some(to) = self.0.get(first + 1) else {
             return Some(Blend::single(from));
         };
-        if interval(from, to).is_none() {
+        let pictures = to.number.saturating_sub(from.number);
+        if interval(from, to, u32::try_from(pictures).unwrap_or(u32::MAX)).is_none() {
             return Some(Blend::single(from));
         }
         let ends = [from.captured_at()?, to.captured_at()?];
@@ -114,6 +115,18 @@ mod tests {
         timeline.push(light_state(200, 2.0));
         assert_eq!(flux_at(&mut timeline, 199), Some(1.0));
         assert_eq!(flux_at(&mut timeline, 200), Some(2.0));
+    }
+
+    #[test]
+    fn fading_light_is_interpolated_where_pictures_have_no_estimate() {
+        let mut timeline = LightTimeline::default();
+        for (millis, flux, number) in [(100, 1.0, 7), (300, 0.6, 10)] {
+            timeline.push(LightState {
+                number,
+                ..light_state(millis, flux)
+            });
+        }
+        assert!((flux_at(&mut timeline, 200).unwrap() - 0.8).abs() < 1e-6);
     }
 
     #[test]

@@ -45,7 +45,8 @@ impl LightTransition {
         if newest.captured_at() == Some(captured_at) {
             return self.replace_newest(state);
         }
-        let Some(nanos) = interval(newest, &state) else {
+        // Where pictures had no estimate, a large change is shown at once, too: it is late already.
+        let Some(nanos) = interval(newest, &state, 1) else {
             return self.show(state);
         };
         self.intervals.add(nanos);

@@ -2,7 +2,7 @@
 //! it: [`LightUpdater`] on the calling thread, [`LightWorker`] on its own thread.
 
 use crate::error::RigError;
-use crate::light::state::{ActiveLight, LightRequest, LightResult};
+use crate::light::state::{ActiveLight, LightRequest, LightResult, LightState};
 use crate::light::updates::SceneUpdates;
 use crate::light::{estimator::LightEstimator, view::SceneView};
 use crossbeam_channel::{Receiver, Sender, bounded};
@@ -166,13 +166,21 @@ pub(crate) struct LightWorker {
     last_set: u64,
     /// Number of environment sets between those of jobs.
     pub(super) left_out: u64,
+    /// How long estimates take, seconds: the longest recent one.
+    expected: f64,
     /// Recycled buffers for the pictures of jobs.
     pub(super) recycled: Vec<Picture>,
     pub(super) thread: Option<JoinHandle<()>>,
 }
 
-/// Time before a picture is shown at which a light for it is hardly finished any more, seconds.
-const URGENT_SECONDS: f64 = 0.3;
+/// By how much the longest recent estimate counts less after each further one.
+const FADING: f64 = 0.8;
+/// By how much longer the light is to be known after an estimate than before it, in times that an
+/// estimate takes.
+const GAIN: f64 = 0.5;
+/// Time before a picture is shown at which its light is estimated, at most, seconds; less than pictures
+/// are scheduled ahead.
+const MAX_LEAD_SECONDS: f64 = 0.55;
 /// Maximum number of jobs that wait: the environment pictures of the time by which pictures are
 /// scheduled ahead.
 const MAX_WAITING: usize = 8;
@@ -216,6 +224,7 @@ impl LightWorker {
             waiting: VecDeque::new(),
             last_set: 0,
             left_out: 0,
+            expected: 0.0,
             recycled: Vec::new(),
             thread: None,
         }
@@ -292,15 +301,23 @@ impl LightWorker {
             let at = finished.1.request.captured_at;
             self.activate(active, finished, at);
         }
-        let is_urgent = |job: &LightJob| {
-            let time = |shown| job.request.captured_at.seconds_since(shown);
-            shown.is_some_and(|shown| time(shown) < URGENT_SECONDS)
-        };
-        while self.waiting.len() > 1 && self.waiting.front().is_some_and(is_urgent) {
+        if let Some(shown) = shown.filter(|_| self.is_idle) {
+            self.leave_out_late(active, shown);
+        }
+        self.send_next();
+    }
+
+    /// Leaves out jobs whose light would be finished too late, as the thread takes as long as it did last:
+    /// so late that it would hardly be needed any more, or that the one after it would be.
+    fn leave_out_late(&mut self, active: &ActiveLight, shown: MonotonicTime) {
+        let newest = active.lights.newest().and_then(LightState::captured_at);
+        let known = newest.map_or(0.0, |newest| newest.seconds_since(shown).max(0.0));
+        let lead = (known + (1.0 + GAIN) * self.expected).min(MAX_LEAD_SECONDS);
+        let is_late = |job: &LightJob| job.request.captured_at.seconds_since(shown) < lead;
+        while self.waiting.len() > 1 && self.waiting.front().is_some_and(is_late) {
             let late = self.waiting.pop_front();
             self.leave_out(late);
         }
-        self.send_next();
     }
 
     /// Sends the first job that waits to the thread, if the thread has none.
@@ -344,6 +361,7 @@ impl LightWorker {
         (light, job): (LightResult, LightJob),
         at: MonotonicTime,
     ) {
+        self.expected = light.took.as_secs_f64().max(FADING * self.expected);
         active.activate(light, at);
         self.recycled.push(job.picture);
         self.is_idle = true;

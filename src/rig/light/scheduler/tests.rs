@@ -251,6 +251,41 @@ fn lights_ahead_are_estimated_in_order_and_thinned_where_the_thread_is_slow() {
 }
 
 #[test]
+fn light_ahead_stays_known_where_an_estimate_takes_six_pictures() {
+    const AHEAD: i64 = 24;
+    const TAKES: i64 = 6;
+    let (jobs, waiting) = bounded::<LightJob>(1);
+    let (done, finished) = bounded(1);
+    let mut worker = LightWorker::over(jobs, finished);
+    let mut active = ActiveLight::exact();
+    for number in 0..AHEAD {
+        worker.schedule_ahead(&mut active, &request(number), &picture(), None);
+    }
+    let (mut working, mut unknown) = (None, Vec::new());
+    for shown in 0..300 {
+        let read = request(shown + AHEAD);
+        worker.schedule_ahead(&mut active, &read, &picture(), Some(frame(shown)));
+        if let Some((_, job)) = working.take_if(|(ends, _)| *ends <= shown) {
+            let job: LightJob = job;
+            let number = job.request.captured_at.as_nanos() / frame(1).as_nanos();
+            let light = LightResult {
+                took: Duration::from_millis(33 * TAKES.unsigned_abs()),
+                ..light_of(number)
+            };
+            assert!(done.send((light, job)).is_ok());
+            worker.poll(&mut active, Some(frame(shown)));
+        }
+        working = working.or_else(|| Some((shown + TAKES, waiting.try_recv().ok()?)));
+        if !active.lights.is_settled(frame(shown)) {
+            unknown.push(shown);
+        }
+    }
+    // Until the first estimates are there the lead must grow.
+    let late = unknown.iter().filter(|shown| **shown > 60).count();
+    assert_eq!(late, 0, "{unknown:?}");
+}
+
+#[test]
 fn active_light_lets_frames_pass_with_one_estimate_at_a_time() {
     let (jobs, waiting) = bounded(1);
     let (done, finished) = bounded(1);
