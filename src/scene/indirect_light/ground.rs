@@ -29,7 +29,8 @@ const COARSER: u32 = 2;
 /// A grid of texels on the ground around the objects.
 pub(super) struct GroundGrid {
     texels: Vec<Texel>,
-    pub shares: GroundShares,
+    /// Shares of light from afar and of virtual lights alone.
+    direct: Vec<Vec3>,
     /// Irradiance of the texels of the whole grid by light from afar, without virtual objects.
     before: Vec<Vec3>,
     /// Radiance of the texels of the whole grid, without virtual objects.
@@ -87,7 +88,7 @@ impl GroundGrid {
         let compact = points.iter().map(|point| (*point, Vec3::Z));
         let centres = places(side / LAMP_SQUARE).map(|point| (point, Vec3::Z));
         Self {
-            shares: GroundShares(vec![Vec3::ONE; (whole * whole) as usize]),
+            direct: vec![Vec3::ONE; (whole * whole) as usize],
             before: vec![Vec3::ZERO; (whole * whole) as usize],
             radiance: vec![Vec3::ZERO; (whole * whole) as usize],
             places: places(whole).map(Vec3::truncate).collect(),
@@ -106,8 +107,20 @@ impl GroundGrid {
         }
     }
 
-    /// Computes the shares under a new state of the dome and of the virtual lights.
-    pub fn update(&mut self, directions: &Directions, lamps: &[PlacedLamp], obstacles: &Obstacles) {
+    /// The shares without virtual objects and virtual lights.
+    pub fn unchanged(&self) -> GroundShares {
+        GroundShares(self.direct.clone())
+    }
+
+    /// Computes the shares under a new state of the dome and of the virtual lights. The light that virtual
+    /// objects reflect onto the ground stays in them as it was gathered last.
+    pub fn update(
+        &mut self,
+        directions: &Directions,
+        lamps: &[PlacedLamp],
+        obstacles: &Obstacles,
+        shares: &mut GroundShares,
+    ) {
         self.lamplight.update(lamps, obstacles);
         self.compact.update(&directions.compact, obstacles);
         let on_ground = |light: &DomeLight| light.irradiance * light.direction.z.max(0.0);
@@ -134,18 +147,20 @@ impl GroundGrid {
             let lamps = self.lamplight.at(square as usize) * per_irradiance;
             (Vec3::splat(left) + lamps, irradiance)
         };
-        let (shares, before) = self.texels.iter().enumerate().map(found).unzip();
-        self.shares.0 = expanded(self.side, shares);
-        self.before = expanded(self.side, before);
+        let (direct, before) = self.texels.iter().enumerate().map(found).unzip();
+        let direct = expanded(self.side, direct);
+        let each = shares.0.iter_mut().zip(self.direct.iter().zip(&direct));
+        each.for_each(|(share, (then, now))| *share = (*share + (*now - *then)).max(Vec3::ZERO));
+        (self.direct, self.before) = (direct, expanded(self.side, before));
     }
 
-    /// Computes the irradiance on every texel, and the ratio of all its light to that without virtual objects.
+    /// Computes the irradiance on every texel, and the shares of all its light.
     pub fn gather(
         &self,
         surfels: &Surfels,
         sides: &SideShares,
         light: &DistantLight<'_>,
-        out: &mut IndirectLight,
+        (shares, out): (&mut GroundShares, &mut IndirectLight),
     ) {
         let factor = |texel: &Texel| texel.window * PI / GATHERED as f32;
         let before = |side: u32| light.phantom_radiance(side);
@@ -153,8 +168,7 @@ impl GroundGrid {
         // Sides that are hidden now are in `phantoms` too, so their present light is subtracted.
         let change = |texel: &Texel| {
             let gained = texel.virtual_points.iter().map(|(point, side)| {
-                surfels.radiance(point, 0.0, &self.shares, sides, light)
-                    - side.map_or(Vec3::ZERO, now)
+                surfels.radiance(point, 0.0, shares, sides, light) - side.map_or(Vec3::ZERO, now)
             });
             let dimmed = texel.phantoms.iter().map(|s| now(*s) - before(*s));
             (gained.sum::<Vec3>() + dimmed.sum::<Vec3>()) * factor(texel)
@@ -168,13 +182,14 @@ impl GroundGrid {
         out.change.ground = self.smoothed(self.texels.iter().map(change).collect());
         out.real.ground = reflected(&before);
         out.real_now.ground = reflected(&now);
-        let each = self.shares.0.iter().zip(&out.change.ground);
+        let each = self.direct.iter().zip(&out.change.ground);
         let before = self.before.iter().zip(&out.real.ground);
-        let each = each.zip(before).map(|((share, change), (far, near))| {
-            (*share + *change / (*far + *near).max(Vec3::splat(1e-6))).max(Vec3::ZERO)
+        let each = each.zip(before).map(|((direct, change), (far, near))| {
+            (*direct + *change / (*far + *near).max(Vec3::splat(1e-6))).max(Vec3::ZERO)
         });
-        out.nearby.ground.clear();
-        out.nearby.ground.extend(each);
+        shares.0.clear();
+        shares.0.extend(each);
+        out.nearby.ground.clone_from(&shares.0);
     }
 
     /// Smooths twice with a tent over 3×3 texels: each texel has few rays. What lies below an object does

@@ -52,7 +52,7 @@ use penumbra_lighting::compact_source_specular::CompleteMap;
 use real_surfaces::RealPoints;
 use receivers::Receivers;
 use region::Region;
-use shares::{DistantLight, SideShares};
+use shares::{DistantLight, GroundShares, SideShares};
 use sides::Sides;
 use surfels::Surfels;
 use volume::Volume;
@@ -65,6 +65,7 @@ pub struct IndirectLightSolver {
     surfels: Surfels,
     sides: Sides,
     ground: GroundGrid,
+    ground_shares: GroundShares,
     volume: Volume,
     on_real: RealPoints,
     receivers: Receivers,
@@ -109,6 +110,7 @@ impl IndirectLightSolver {
         Some(Self {
             surfels,
             sides,
+            ground_shares: ground.unchanged(),
             ground,
             volume,
             on_real,
@@ -145,7 +147,9 @@ impl IndirectLightSolver {
         self.directions.set_light(lighting);
         let floor = lighting.ground_radiance * f32::from(u8::from(self.has_ground));
         self.ground.look(floor, real.ground);
-        self.ground.update(&self.directions, lamps, &self.obstacles);
+        let shares = &mut self.ground_shares;
+        self.ground
+            .update(&self.directions, lamps, &self.obstacles, shares);
         let light = DistantLight {
             radiance: CompleteMap::new(&lighting.radiance),
             mean_ground: floor,
@@ -155,7 +159,6 @@ impl IndirectLightSolver {
         };
         self.sides.light_up(lamps, &self.obstacles);
         self.surfels.light_up(lamps, &self.obstacles);
-        let shares = &self.ground.shares;
         for _ in 0..bounces {
             self.sides.update(
                 &self.surfels,
@@ -171,9 +174,13 @@ impl IndirectLightSolver {
                 &light,
                 &self.obstacles,
             );
+            self.ground.gather(
+                &self.surfels,
+                &self.sides.shares,
+                &light,
+                (shares, &mut self.light),
+            );
         }
-        self.ground
-            .gather(&self.surfels, &self.sides.shares, &light, &mut self.light);
         let real_now = &mut self.light.real_now;
         self.volume
             .gather(&self.sides.shares, &self.directions, &light, real_now);
