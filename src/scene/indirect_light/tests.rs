@@ -491,3 +491,52 @@ fn lamp_in_a_golden_ball_makes_no_spots() {
     let worst = spots.fold(0.0, f32::max);
     assert!(worst < 0.2, "{worst}");
 }
+
+/// Light of radiance 1 from everywhere above, over ground that reflects all of it.
+fn furnace(generation: u64) -> Lighting {
+    let count = 4096;
+    let cell = |i: usize| {
+        let z = 1.0 - (2.0 * i as f32 + 1.0) / (2.0 * count as f32);
+        let (sin, cos) = (2.399_963_2 * i as f32).sin_cos();
+        let r = (1.0 - z * z).sqrt();
+        penumbra_lighting::DomeLight {
+            direction: Vec3::new(r * cos, r * sin, z),
+            irradiance: Vec3::splat(2.0 * std::f32::consts::PI / count as f32),
+            angular_radius: 0.02,
+            kind: penumbra_lighting::LightKind::Cell,
+            place: penumbra_lighting::LightPlace::FAR,
+        }
+    };
+    Lighting {
+        ground_radiance: Vec3::ONE,
+        lights: (0..count).map(cell).collect(),
+        ..lighting(generation)
+    }
+}
+
+#[test]
+fn white_object_in_a_white_furnace_changes_nothing() {
+    let mesh = primitives::cuboid(Vec3::new(0.2, 0.2, 0.1));
+    let scene = Scene {
+        virtual_parts: vec![part_of(mesh, 1.0, 0.0, DMat4::IDENTITY)],
+        ground_height: Some(0.0),
+        ..Scene::default()
+    };
+    let mut solver = IndirectLightSolver::new(&scene, &casters(&scene)).unwrap();
+    for generation in 1..=4 {
+        solver.update(&furnace(generation), real(&[]), &[]);
+    }
+    for beside in [0.005_f32, 0.01, 0.02, 0.05, 0.1] {
+        let along = (0..20).map(|k| glam::Vec2::new(0.1 + beside, 0.001 * k as f32 - 0.01));
+        let share = along.map(|place| ground_share(solver.light(), place));
+        let share = share.sum::<f32>() / 20.0;
+        assert!((share - 1.0).abs() < 0.05, "{beside}: {share}");
+    }
+    // Half of what a wall sees is ground.
+    for height in [0.01_f32, 0.03, 0.05, 0.09] {
+        let on = &solver.light().on_virtual;
+        let found = on.on(Vec3::new(0.1, 0.0, height), Vec3::X).x;
+        let expected = 0.5 * std::f32::consts::PI;
+        assert!((found / expected - 1.0).abs() < 0.05, "{height}: {found}");
+    }
+}
