@@ -159,27 +159,14 @@ impl IndirectLightSolver {
         };
         self.sides.light_up(lamps, &self.obstacles);
         self.surfels.light_up(lamps, &self.obstacles);
+        let (directions, obstacles) = (&self.directions, &self.obstacles);
         for _ in 0..bounces {
-            self.sides.update(
-                &self.surfels,
-                shares,
-                &self.directions,
-                &light,
-                &self.obstacles,
-            );
-            self.surfels.update(
-                &self.directions,
-                shares,
-                &self.sides.shares,
-                &light,
-                &self.obstacles,
-            );
-            self.ground.gather(
-                &self.surfels,
-                &self.sides.shares,
-                &light,
-                (shares, &mut self.light),
-            );
+            let surfels = &mut self.surfels;
+            self.sides
+                .update(surfels, shares, directions, &light, obstacles);
+            surfels.update(directions, shares, &self.sides.shares, &light, obstacles);
+            let out = (&mut *shares, &mut self.light);
+            self.ground.gather(surfels, &self.sides.shares, &light, out);
         }
         let real_now = &mut self.light.real_now;
         self.volume
