@@ -7,6 +7,7 @@ use penumbra_camera::Vignetting;
 use penumbra_camera::{PinholeCamera, Response};
 use penumbra_interface::RigidTransform;
 use penumbra_lighting::{LightKind, Lighting};
+use penumbra_numerics::smoothstep;
 use penumbra_picture::Picture;
 use penumbra_rig_model::RigCalibration;
 use penumbra_scene::indirect_light::{AXES, side_of, solid_phantoms};
@@ -36,11 +37,20 @@ pub(crate) struct GroundRadiance {
 const GROUND_POINTS: usize = 24;
 /// Weight of a new observation in the exponential moving average.
 const GROUND_SHARE: f32 = 0.1;
+/// Relative change of the ground's mean radiance up to which it counts as noise, and from which its light has
+/// changed, so that the new observation holds in full.
+const GROUND_CHANGE: (f32, f32) = (0.02, 0.08);
 /// Fewest points in a picture that tell of the ground.
 const LEAST_POINTS: usize = 8;
 /// Places of the sample points in their cells, one after another: multiples of these modulo 1 fill a square
 /// evenly (Roberts 2018, R2), so that the mean over pictures is that of a cell's texture.
 const WITHIN_CELL: Vec2 = Vec2::new(0.754_877_7, 0.569_840_3);
+
+/// Weight of the mean radiance `now` against the `old` one.
+fn share_of(now: Vec3, old: Vec3) -> f32 {
+    let change = (now.element_sum() / old.element_sum().max(1e-6) - 1.0).abs();
+    GROUND_SHARE.max(smoothstep(GROUND_CHANGE.0, GROUND_CHANGE.1, change))
+}
 
 /// Returns the vignetting factor of a pixel, 1 at the centre.
 fn vignetting_at(vignetting: Option<Vignetting>, pixel: DVec2) -> f32 {
@@ -101,14 +111,25 @@ impl GroundRadiance {
         low + (cell + within) * (edge / side as f32)
     }
 
-    /// Adds the radiance of cells in one picture.
+    /// Adds the radiance of cells in one picture. Which of them it shows does not matter: each counts as bright
+    /// as it is known to be.
     fn note(&mut self, seen: &[Option<Vec3>]) {
         let count = seen.iter().flatten().count();
         if count < LEAST_POINTS {
             return;
         }
-        let now = seen.iter().flatten().sum::<Vec3>() / count as f32;
-        self.radiance = Some(self.radiance.map_or(now, |old| old.lerp(now, GROUND_SHARE)));
+        let known = self.brightness.cells.iter().zip(seen);
+        let both: Vec<(Vec3, Vec3)> = known.filter_map(|(k, s)| k.zip(*s)).collect();
+        let now = if both.len() < LEAST_POINTS {
+            seen.iter().flatten().sum::<Vec3>() / count as f32
+        } else {
+            let (known, seen) = both.iter().fold((Vec3::ZERO, Vec3::ZERO), |(k, s), both| {
+                (k + both.0, s + both.1)
+            });
+            seen / known.max(Vec3::splat(1e-6))
+        };
+        let follow = |old: Vec3| old.lerp(now, share_of(now, old));
+        self.radiance = Some(self.radiance.map_or(now, follow));
         let per_mean = 1.0 / now.max(Vec3::splat(1e-6));
         for (known, seen) in self.brightness.cells.iter_mut().zip(seen) {
             let seen = seen.map(|seen| seen * per_mean);
@@ -116,6 +137,18 @@ impl GroundRadiance {
                 (Some(known), Some(seen)) => Some(known.lerp(seen, GROUND_SHARE)),
                 (known, seen) => known.or(seen),
             };
+        }
+        self.normalise();
+    }
+
+    /// Makes the mean brightness of all known cells 1.
+    fn normalise(&mut self) {
+        let known = || self.brightness.cells.iter().flatten();
+        let mean = known().sum::<Vec3>() / known().count().max(1) as f32;
+        let mean = mean.max(Vec3::splat(1e-6));
+        self.radiance = self.radiance.map(|radiance| radiance * mean);
+        for cell in self.brightness.cells.iter_mut().flatten() {
+            *cell /= mean;
         }
     }
 
@@ -347,13 +380,12 @@ mod tests {
         (camera, pose)
     }
 
-    #[test]
-    fn brightness_of_the_ground_is_that_of_its_places() {
+    fn ground_below() -> (GroundRadiance, RigidTransform) {
         let (camera, pose) = looking_down();
-        let mut ground = GroundRadiance {
+        let ground = GroundRadiance {
             height: Some(0.0),
             rays: Arc::new(RayCaster::from_parts(&[])),
-            camera: camera.clone(),
+            camera,
             response: Response::srgb(),
             vignetting: None,
             radiance: None,
@@ -364,6 +396,67 @@ mod tests {
             looks: 0,
             seen: Vec::new(),
         };
+        (ground, pose)
+    }
+
+    fn look(ground: &mut GroundRadiance, picture: &Picture, pose: RigidTransform) {
+        let camera = ground.camera.clone();
+        ground.look(&SceneView {
+            picture,
+            world_from_camera: Some(pose),
+            camera: &camera,
+            sphere: SphereAt::Calibrated,
+            captured_at: MonotonicTime::from_nanos(0),
+            exposure: None,
+        });
+    }
+
+    /// Bright on the left, dark on the right.
+    fn halves(left: u8, right: u8) -> Picture {
+        let code = |x: u32| if x < 100 { left } else { right };
+        let pixels = (0..200 * 200).flat_map(|i| [code(i % 200), code(i % 200), 60, 255]);
+        Picture {
+            width: 200,
+            height: 200,
+            rgba: pixels.collect(),
+        }
+    }
+
+    #[test]
+    fn ground_follows_its_light_at_once_and_does_not_depend_on_what_is_seen() {
+        let (mut ground, pose) = ground_below();
+        for _ in 0..20 {
+            look(&mut ground, &halves(200, 100), pose);
+        }
+        let linear = |code: u8| Response::srgb().linear_from_rgb([code; 3])[0];
+        let before = ground.radiance().unwrap().x;
+        let expected = 0.5 * (linear(200) + linear(100));
+        assert!(
+            (before / expected - 1.0).abs() < 0.05,
+            "{before} {expected}"
+        );
+        // The camera moves until it sees the bright half alone.
+        let mut aside = pose;
+        aside.translation.x -= 0.4;
+        let bright = halves(200, 200);
+        for _ in 0..20 {
+            look(&mut ground, &bright, aside);
+        }
+        let aside = ground.radiance().unwrap().x;
+        assert!((aside / before - 1.0).abs() < 0.25, "{aside} {before}");
+        // A lamp goes out.
+        look(&mut ground, &halves(90, 45), pose);
+        let after = ground.radiance().unwrap().x;
+        let darker = linear(90) / linear(200);
+        assert!(
+            (after / (before * darker) - 1.0).abs() < 0.25,
+            "{after} {before}"
+        );
+    }
+
+    #[test]
+    fn brightness_of_the_ground_is_that_of_its_places() {
+        let (mut ground, pose) = ground_below();
         // Stripes of 5 pixels on the left, their mean on average; dark on the right.
         let code = |x: u32| match (x < 100, x % 10 < 5) {
             (true, true) => 200,
@@ -377,14 +470,7 @@ mod tests {
             rgba: pixels.collect(),
         };
         for _ in 0..60 {
-            ground.look(&SceneView {
-                picture: &picture,
-                world_from_camera: Some(pose),
-                camera: &camera,
-                sphere: SphereAt::Calibrated,
-                captured_at: MonotonicTime::from_nanos(0),
-                exposure: None,
-            });
+            look(&mut ground, &picture, pose);
         }
         let linear = |code: u8| ground.response.linear_from_rgb([code; 3])[0];
         let left = 0.5 * (linear(200) + linear(120));

@@ -17,6 +17,9 @@ use std::f32::consts::{PI, TAU};
 
 /// Number of rays from each ground texel that gather indirect light.
 const GATHERED: usize = 48;
+/// Largest share of the light of virtual objects that the ground reflects. A picture in which it is brighter than its
+/// light allows, because a lamp was clipped, would let light between objects and the ground grow without end.
+const MOST_REFLECTED: f32 = 1.0;
 /// Texels that a thread looks from at a time.
 const CHUNK: usize = 64;
 /// Texels along a side of the squares on which the light of virtual lights is found once: it only
@@ -184,8 +187,10 @@ impl GroundGrid {
         out.real_now.ground = reflected(&now);
         let each = self.direct.iter().zip(&out.change.ground);
         let before = self.before.iter().zip(&out.real.ground);
-        let each = each.zip(before).map(|((direct, change), (far, near))| {
-            (*direct + *change / (*far + *near).max(Vec3::splat(1e-6))).max(Vec3::ZERO)
+        let each = each.zip(before).zip(&self.radiance);
+        let each = each.map(|(((direct, change), (far, near)), radiance)| {
+            let before = (*far + *near).max(*radiance * PI / MOST_REFLECTED);
+            (*direct + *change / before.max(Vec3::splat(1e-6))).max(Vec3::ZERO)
         });
         shares.0.clear();
         shares.0.extend(each);

@@ -58,7 +58,7 @@ use surfels::Surfels;
 use volume::Volume;
 
 /// Number of bounces after which indirect light no longer changes visibly.
-const BOUNCES: usize = 3;
+const BOUNCES: usize = 5;
 
 /// Visibility around the virtual objects, and the indirect light of the last update.
 pub struct IndirectLightSolver {

@@ -515,6 +515,28 @@ fn furnace(generation: u64) -> Lighting {
 }
 
 #[test]
+fn ground_that_is_brighter_than_its_light_does_not_make_light_grow() {
+    let mesh = primitives::cuboid(Vec3::new(0.2, 0.2, 0.1));
+    let scene = Scene {
+        virtual_parts: vec![part_of(mesh, 1.0, 0.0, DMat4::IDENTITY)],
+        ground_height: Some(0.0),
+        ..Scene::default()
+    };
+    let mut solver = IndirectLightSolver::new(&scene, &casters(&scene)).unwrap();
+    let mut most = [0.0_f32; 2];
+    for generation in 1..=40 {
+        let too_bright = Lighting {
+            ground_radiance: Vec3::splat(8.0),
+            ..furnace(generation)
+        };
+        solver.update(&too_bright, real(&[]), &[]);
+        let shares = solver.light().nearby.ground.iter().map(|share| share.x);
+        most = [most[1], shares.fold(0.0, f32::max)];
+    }
+    assert!(most[1] < 10.0 && most[1] / most[0] < 1.001, "{most:?}");
+}
+
+#[test]
 fn white_object_in_a_white_furnace_changes_nothing() {
     let mesh = primitives::cuboid(Vec3::new(0.2, 0.2, 0.1));
     let scene = Scene {

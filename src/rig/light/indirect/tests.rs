@@ -54,7 +54,7 @@ fn lighting(generation: u64) -> Lighting {
         }),
         irradiance: Harmonics::default(),
         lights: vec![light],
-        ground_radiance: Vec3::splat(0.3),
+        ground_radiance: Vec3::splat(0.1),
         faces: None,
     }
 }
