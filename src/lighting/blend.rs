@@ -24,8 +24,8 @@ use std::sync::Arc;
 const BLENDED: u64 = 1 << 63;
 /// Maximum number of recycled blends: in use by the compositor, waiting for it, being prepared.
 const MAX_RECYCLED: usize = 4;
-/// Factor of the total flux between the lights of two successive environment pictures from which the real light has jumped, e.g. because
-/// a lamp was switched. Movement alone hardly changes the total flux.
+/// Factor of the total flux between two successive environment pictures from which the real light has
+/// jumped, e.g. because a lamp was switched. Movement alone hardly changes the total flux.
 const JUMP_FACTOR: f32 = 1.25;
 /// Change of the irradiance on a surface that faces any of six sides, as a share of the largest of
 /// these irradiances, from which light has jumped to another place.

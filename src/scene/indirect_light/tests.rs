@@ -279,6 +279,23 @@ fn sunlight(direction: Vec3, place: penumbra_lighting::LightPlace) -> Lighting {
     lighting
 }
 
+/// Solves for a box 0.2 m wide and 0.1 m high that stands on the ground.
+fn box_on_the_ground(grey: f32, emissive: f32) -> IndirectLightSolver {
+    let mesh = primitives::cuboid(Vec3::new(0.2, 0.2, 0.1));
+    let scene = Scene {
+        virtual_parts: vec![part_of(mesh, grey, emissive, DMat4::IDENTITY)],
+        ground_height: Some(0.0),
+        ..Scene::default()
+    };
+    IndirectLightSolver::new(&scene, &casters(&scene)).unwrap()
+}
+
+/// Share of the light of the ground at 20 places along the box's side, `beside` it, metres: their mean.
+fn share_beside(light: &IndirectLight, beside: f32) -> f32 {
+    let along = (0..20).map(|k| glam::Vec2::new(0.1 + beside, 0.001 * k as f32 - 0.01));
+    along.map(|place| ground_share(light, place)).sum::<f32>() / 20.0
+}
+
 /// Share of its light that a place on the ground has.
 fn ground_share(light: &IndirectLight, place: glam::Vec2) -> f32 {
     let at = (place - light.low.truncate()) / (light.high - light.low).truncate();
@@ -319,18 +336,11 @@ fn shadows_of_compact_sources_lie_where_they_belong() {
 #[test]
 fn ground_that_virtual_objects_light_is_brighter_by_that() {
     // A glowing wall that ends 0.1 from the middle, under a sun of irradiance 3 that no shadow of it reaches.
-    let wall = primitives::cuboid(Vec3::new(0.2, 0.2, 0.1));
-    let scene = Scene {
-        virtual_parts: vec![part_of(wall, 0.0, 1.0, DMat4::IDENTITY)],
-        ground_height: Some(0.0),
-        ..Scene::default()
-    };
-    let mut solver = IndirectLightSolver::new(&scene, &casters(&scene)).unwrap();
+    let mut solver = box_on_the_ground(0.0, 1.0);
     let sun = sunlight(Vec3::Z, penumbra_lighting::LightPlace::FAR);
     solver.update(&sun, real(&[]), &[]);
     let light = solver.light();
-    let along = (0..20).map(|k| glam::Vec2::new(0.12, 0.001 * k as f32 - 0.01));
-    let share = along.map(|place| ground_share(light, place)).sum::<f32>() / 20.0;
+    let share = share_beside(light, 0.02);
     let expected = 1.0 + on_ground_beside(light, 0.02) / 3.0;
     assert!(
         expected > 1.2 && (share / expected - 1.0).abs() < 0.02,
@@ -516,13 +526,7 @@ fn furnace(generation: u64) -> Lighting {
 
 #[test]
 fn ground_that_is_brighter_than_its_light_does_not_make_light_grow() {
-    let mesh = primitives::cuboid(Vec3::new(0.2, 0.2, 0.1));
-    let scene = Scene {
-        virtual_parts: vec![part_of(mesh, 1.0, 0.0, DMat4::IDENTITY)],
-        ground_height: Some(0.0),
-        ..Scene::default()
-    };
-    let mut solver = IndirectLightSolver::new(&scene, &casters(&scene)).unwrap();
+    let mut solver = box_on_the_ground(1.0, 0.0);
     let mut most = [0.0_f32; 2];
     for generation in 1..=40 {
         let too_bright = Lighting {
@@ -538,20 +542,12 @@ fn ground_that_is_brighter_than_its_light_does_not_make_light_grow() {
 
 #[test]
 fn white_object_in_a_white_furnace_changes_nothing() {
-    let mesh = primitives::cuboid(Vec3::new(0.2, 0.2, 0.1));
-    let scene = Scene {
-        virtual_parts: vec![part_of(mesh, 1.0, 0.0, DMat4::IDENTITY)],
-        ground_height: Some(0.0),
-        ..Scene::default()
-    };
-    let mut solver = IndirectLightSolver::new(&scene, &casters(&scene)).unwrap();
+    let mut solver = box_on_the_ground(1.0, 0.0);
     for generation in 1..=4 {
         solver.update(&furnace(generation), real(&[]), &[]);
     }
     for beside in [0.005_f32, 0.01, 0.02, 0.05, 0.1] {
-        let along = (0..20).map(|k| glam::Vec2::new(0.1 + beside, 0.001 * k as f32 - 0.01));
-        let share = along.map(|place| ground_share(solver.light(), place));
-        let share = share.sum::<f32>() / 20.0;
+        let share = share_beside(solver.light(), beside);
         assert!((share - 1.0).abs() < 0.05, "{beside}: {share}");
     }
     // Half of what a wall sees is ground.

@@ -54,6 +54,7 @@ fn lighting(generation: u64) -> Lighting {
         }),
         irradiance: Harmonics::default(),
         lights: vec![light],
+        // The ground reflects two fifths of it.
         ground_radiance: Vec3::splat(0.1),
         faces: None,
     }
