@@ -7,7 +7,7 @@ use super::obstacles::{FirstHit, Obstacles};
 use super::region::Region;
 use super::result::{GROUND_SIDE, GroundBrightness, IndirectLight};
 use super::sampling::cosine_direction;
-use super::shares::{DistantLight, GroundShares, SideShares};
+use super::shares::{DistantLight, GroundShares, TileShares};
 use super::surfels::{ReflectingPoint, Surfels};
 use crate::lamps::PlacedLamp;
 use glam::{Vec2, Vec3};
@@ -53,9 +53,9 @@ struct Texel {
     behind_virtual: u128,
     /// Directions in which phantoms block the light.
     behind_real: u128,
-    /// Visible virtual surfaces and the phantom sides that they hide, all with equal form factors.
+    /// Visible virtual surfaces and the tiles of phantoms that they hide, all with equal form factors.
     virtual_points: Vec<(ReflectingPoint, Option<u32>)>,
-    /// Phantom sides that are visible without virtual objects, with equal form factors.
+    /// Tiles of phantoms that are visible without virtual objects, with equal form factors.
     phantoms: Vec<u32>,
     window: f32,
     /// Whether it lies inside an object: phantoms block the light from everywhere, or most of its rays meet the
@@ -161,17 +161,17 @@ impl GroundGrid {
     pub fn gather(
         &self,
         surfels: &Surfels,
-        sides: &SideShares,
+        tiles: &TileShares,
         light: &DistantLight<'_>,
         (shares, out): (&mut GroundShares, &mut IndirectLight),
     ) {
         let factor = |texel: &Texel| texel.window * PI / GATHERED as f32;
-        let before = |side: u32| light.phantom_radiance(side);
-        let now = |side: u32| sides.radiance(side, light);
-        // Sides that are hidden now are in `phantoms` too, so their present light is subtracted.
+        let before = |tile: u32| light.phantom_radiance(tile);
+        let now = |tile: u32| tiles.radiance(tile, light);
+        // Tiles that are hidden now are in `phantoms` too, so their present light is subtracted.
         let change = |texel: &Texel| {
-            let gained = texel.virtual_points.iter().map(|(point, side)| {
-                surfels.radiance(point, 0.0, shares, sides, light) - side.map_or(Vec3::ZERO, now)
+            let gained = texel.virtual_points.iter().map(|(point, tile)| {
+                surfels.radiance(point, 0.0, shares, tiles, light) - tile.map_or(Vec3::ZERO, now)
             });
             let dimmed = texel.phantoms.iter().map(|s| now(*s) - before(*s));
             (gained.sum::<Vec3>() + dimmed.sum::<Vec3>()) * factor(texel)
@@ -252,7 +252,7 @@ fn texel(
         match obstacles.first_hit(origin, *d) {
             FirstHit::Virtual(_) => {
                 behind_virtual |= 1 << i;
-                let both = obstacles.hidden_side(origin, *d).is_some();
+                let both = obstacles.hidden_tile(origin, *d).is_some();
                 behind_real |= u128::from(both) << i;
             }
             FirstHit::Phantom(_) => behind_real |= 1 << i,
@@ -265,14 +265,14 @@ fn texel(
     for d in (0..GATHERED).map(|k| cosine_direction(k, GATHERED, azimuth)) {
         match obstacles.first_hit(origin, d) {
             FirstHit::Virtual(hit) => {
-                let hidden = obstacles.hidden_side(origin, d);
+                let hidden = obstacles.hidden_tile(origin, d);
                 phantoms.extend(hidden);
                 let point = surfels.reflecting_point(&hit, d, obstacles, region);
                 let is_back = point.as_ref().is_some_and(|p| !surfels.is_front(p, &hit));
                 backs += usize::from(is_back);
                 virtual_points.extend(point.map(|p| (p, hidden)));
             }
-            FirstHit::Phantom(side) => phantoms.push(side),
+            FirstHit::Phantom(tile) => phantoms.push(tile),
             FirstHit::Ground(_) | FirstHit::Sky => (),
         }
     }

@@ -117,7 +117,7 @@ mod tests {
     };
 
     fn irradiance(scene: &Scene, lamp: PlacedLamp, points: &[Vec3]) -> Vec<Vec3> {
-        let obstacles = Obstacles::new(scene, &[]);
+        let obstacles = Obstacles::new(scene, &[], [Vec3::NEG_INFINITY, Vec3::INFINITY]);
         let on_ground = points.iter().map(|p| (*p, Vec3::Z));
         let mut light = Lamplight::new(on_ground, 1e-4);
         light.update(&[lamp], &obstacles);
@@ -185,7 +185,7 @@ mod tests {
         let at = irradiance(&scene, POINT, &points);
         assert_eq!(at[0], Vec3::ZERO);
         assert!(at[1].x > 0.5);
-        let obstacles = Obstacles::new(&scene, &[]);
+        let obstacles = Obstacles::new(&scene, &[], [Vec3::NEG_INFINITY, Vec3::INFINITY]);
         let mut light = Lamplight::new(points.iter().map(|p| (*p, Vec3::Z)), 1e-4);
         let aside = PlacedLamp {
             position: Vec3::new(1.0, 0.0, 0.5),

@@ -27,6 +27,7 @@ mod surface;
 mod surface_grid;
 mod surfel_index;
 mod surfels;
+mod tiles;
 mod volume;
 
 pub use blend::IndirectLightBlender;
@@ -52,7 +53,7 @@ use penumbra_lighting::compact_source_specular::CompleteMap;
 use real_surfaces::RealPoints;
 use receivers::Receivers;
 use region::Region;
-use shares::{DistantLight, GroundShares, SideShares};
+use shares::{DistantLight, GroundShares, TileShares};
 use sides::Sides;
 use surfels::Surfels;
 use volume::Volume;
@@ -86,11 +87,18 @@ impl IndirectLightSolver {
         let phantoms: Vec<Part> = solid_phantoms(scene).cloned().collect();
         let lit_phantoms = phantoms.iter().filter(|_| lit);
         let region = Region::around(casters, lit_phantoms, scene.ground_height)?;
-        let obstacles = Obstacles::new(scene, casters);
+        let obstacles = Obstacles::new(scene, casters, [region.low, region.high]);
         let directions = Directions::new();
         let moves = !scene.motions.parts.is_empty();
         let surfels = Surfels::new(casters, &obstacles, &directions, &region, moves);
-        let sides = Sides::new(&phantoms, lit, &surfels, &obstacles, &directions, &region);
+        let sides = Sides::new(
+            &phantoms,
+            (lit, moves),
+            &surfels,
+            &obstacles,
+            &directions,
+            &region,
+        );
         let ground = GroundGrid::new(&obstacles, &surfels, &directions, &region, moves);
         let volume = Volume::new(&obstacles, &directions, &region);
         let on_real = RealPoints::new(&scene.phantom_parts, &surfels, &obstacles, &region, moves);
@@ -198,15 +206,14 @@ impl IndirectLightSolver {
 
 fn write_nearby(
     surfels: &Surfels,
-    sides: &SideShares,
+    sides: &TileShares,
     light: &DistantLight<'_>,
     nearby: &mut NearbyRadiance,
 ) {
     if !nearby.surfels.is_empty() {
         surfels.write(nearby);
     }
-    let sides =
-        |part: usize| std::array::from_fn(|side| sides.radiance((6 * part + side) as u32, light));
+    let sides = |part: usize| std::array::from_fn(|i| sides.of_side((6 * part + i) as u32, light));
     nearby.phantoms.clear();
     nearby.phantoms.extend((0..light.phantoms.len()).map(sides));
 }

@@ -1,6 +1,6 @@
 //! Virtual casters, phantoms and the ground as obstacles of rays.
 
-use super::directions::side_of;
+use super::tiles::Tiles;
 use crate::mesh::Part;
 use crate::raycast::{Hit, RayCaster};
 use crate::scene::Scene;
@@ -17,6 +17,8 @@ pub(super) struct Obstacles {
     /// The phantoms without the ground.
     real: RayCaster,
     virtual_parts: u32,
+    /// Of the phantoms without the ground.
+    pub tiles: Tiles,
     /// Height of the ground, metres.
     pub floor: Option<f32>,
 }
@@ -31,7 +33,7 @@ pub(super) struct SurfacePoint {
 /// What a ray hits first.
 pub(super) enum FirstHit {
     Virtual(SurfacePoint),
-    /// Index of a phantom's side: 6 × phantom + side.
+    /// Index of a tile of a phantom's surface, see [`Tiles`].
     Phantom(u32),
     Ground(Vec3),
     Sky,
@@ -49,13 +51,15 @@ pub(super) enum Sight {
 }
 
 impl Obstacles {
-    pub fn new(scene: &Scene, casters: &[Part]) -> Self {
+    /// `near`: the box in which phantoms' surfaces are divided; world, metres.
+    pub fn new(scene: &Scene, casters: &[Part], near: [Vec3; 2]) -> Self {
         let real: Vec<Part> = solid_phantoms(scene).cloned().collect();
         let parts: Vec<Part> = casters.iter().chain(&real).cloned().collect();
         Self {
             real: RayCaster::from_parts(&real),
             all: RayCaster::from_parts(&parts),
             virtual_parts: casters.len() as u32,
+            tiles: Tiles::new(&real, near),
             floor: scene.ground_height.map(|h| h as f32),
         }
     }
@@ -85,13 +89,13 @@ impl Obstacles {
         let to_floor = to_floor.filter(|t| *t > 0.0 && direction.z < 0.0);
         match (hit, to_floor) {
             (Some(hit), t) if t.is_none_or(|t| hit.distance < NEARER * f64::from(t)) => {
-                let normal = hit.shading_normal.as_vec3();
+                let at = SurfacePoint {
+                    point: hit.point.as_vec3(),
+                    normal: hit.shading_normal.as_vec3(),
+                };
                 match hit.surface.checked_sub(virtual_parts) {
-                    Some(part) => FirstHit::Phantom(6 * part + side_of(normal)),
-                    None => FirstHit::Virtual(SurfacePoint {
-                        point: hit.point.as_vec3(),
-                        normal,
-                    }),
+                    Some(part) => FirstHit::Phantom(self.tiles.tile(part, at)),
+                    None => FirstHit::Virtual(at),
                 }
             }
             (_, Some(t)) => FirstHit::Ground(origin + direction * t),
@@ -137,10 +141,14 @@ impl Obstacles {
         !self.is_across_floor(from, to) && !self.all.is_blocked(from.as_dvec3(), way, NEARER)
     }
 
-    /// Returns the side of a phantom that a virtual object may hide from `origin`.
-    pub fn hidden_side(&self, origin: Vec3, direction: Vec3) -> Option<u32> {
+    /// Returns the tile of a phantom that a virtual object may hide from `origin`.
+    pub fn hidden_tile(&self, origin: Vec3, direction: Vec3) -> Option<u32> {
         let hit = nearest(&self.real, origin, direction)?;
-        Some(6 * hit.surface + side_of(hit.shading_normal.as_vec3()))
+        let at = SurfacePoint {
+            point: hit.point.as_vec3(),
+            normal: hit.shading_normal.as_vec3(),
+        };
+        Some(self.tiles.tile(hit.surface, at))
     }
 }
 

@@ -6,7 +6,7 @@ use super::receivers::{CHUNK, count, distribute, rays_from};
 use super::region::Region;
 use super::result::IndirectLight;
 use super::sampling::world_triangles;
-use super::shares::{DistantLight, GroundShares, SideShares, ground_texel};
+use super::shares::{DistantLight, GroundShares, TileShares, ground_texel};
 use super::surface_grid::{Splat, SurfaceGrid};
 use super::surfels::{ReflectingPoint, Surfels};
 use crate::mesh::Part;
@@ -54,7 +54,7 @@ enum Behind {
     Sky,
     /// Index of a ground texel, see [`ground_texel`].
     Ground(u32),
-    /// Index of a phantom's side.
+    /// Index of a tile of a phantom.
     Phantom(u32),
 }
 
@@ -88,19 +88,19 @@ impl RealPoints {
         &self,
         surfels: &Surfels,
         ground: &GroundShares,
-        sides: &SideShares,
+        tiles: &TileShares,
         light: &DistantLight<'_>,
         out: &mut IndirectLight,
     ) {
         let before = |behind: Behind| match behind {
             Behind::Sky => Vec3::ZERO,
             Behind::Ground(texel) => light.ground_radiance(texel),
-            Behind::Phantom(side) => light.phantom_radiance(side),
+            Behind::Phantom(tile) => light.phantom_radiance(tile),
         };
         let now = |behind: Behind| match behind {
             Behind::Sky => Vec3::ZERO,
             Behind::Ground(texel) => light.ground_now(texel, ground),
-            Behind::Phantom(side) => sides.radiance(side, light),
+            Behind::Phantom(tile) => tiles.radiance(tile, light),
         };
         // Surfaces receive the mean light of the ground already.
         let besides_mean = |behind: Behind| match behind {
@@ -109,7 +109,7 @@ impl RealPoints {
         };
         let change = |point: &RealPoint| {
             let gained = point.virtual_points.iter().map(|((point, behind), rays)| {
-                let gained = surfels.radiance(point, MIRRORED, ground, sides, light);
+                let gained = surfels.radiance(point, MIRRORED, ground, tiles, light);
                 (gained - before(*behind)) * *rays
             });
             let dimmed = point.visible.iter();
@@ -192,7 +192,7 @@ fn look(
     };
     let behind = |hit: FirstHit| match hit {
         FirstHit::Ground(p) => Behind::Ground(ground_texel(region, p)),
-        FirstHit::Phantom(side) => Behind::Phantom(side),
+        FirstHit::Phantom(tile) => Behind::Phantom(tile),
         FirstHit::Sky | FirstHit::Virtual(_) => Behind::Sky,
     };
     for d in rays_from(normal, index, rays) {

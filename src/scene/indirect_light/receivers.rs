@@ -16,7 +16,7 @@
 use super::obstacles::{FirstHit, Obstacles};
 use super::region::Region;
 use super::sampling::{cosine_direction, point_in, world_triangles};
-use super::shares::{DistantLight, GroundShares, SideShares, ground_texel};
+use super::shares::{DistantLight, GroundShares, TileShares, ground_texel};
 use super::surface_grid::{GRID_SIDE, Splat, SurfaceGrid, SurfaceIrradiance};
 use super::surfels::{ReflectingPoint, Surfels};
 use crate::mesh::Part;
@@ -46,7 +46,7 @@ pub(super) struct Receivers {
 struct Receiver {
     /// Points of virtual surfaces, and the number of rays that meet each.
     virtual_points: Vec<(ReflectingPoint, f32)>,
-    /// Sides of phantoms, and the number of rays that meet each.
+    /// Tiles of phantoms, and the number of rays that meet each.
     phantoms: Vec<(u32, f32)>,
     /// Ground texels, and the number of rays that meet each.
     ground: Vec<(u32, f32)>,
@@ -83,16 +83,16 @@ impl Receivers {
         &self,
         surfels: &Surfels,
         ground: &GroundShares,
-        sides: &SideShares,
+        tiles: &TileShares,
         light: &DistantLight<'_>,
         out: &mut SurfaceIrradiance,
     ) {
         let irradiance = self.points.iter().map(|point| {
             let points = point.virtual_points.iter();
             let from_virtual =
-                points.map(|(p, rays)| surfels.radiance(p, MIRRORED, ground, sides, light) * *rays);
+                points.map(|(p, rays)| surfels.radiance(p, MIRRORED, ground, tiles, light) * *rays);
             let real = point.phantoms.iter();
-            let from_real = real.map(|(side, rays)| sides.radiance(*side, light) * *rays);
+            let from_real = real.map(|(tile, rays)| tiles.radiance(*tile, light) * *rays);
             let on_ground = point.ground.iter();
             let from_ground =
                 on_ground.map(|(texel, rays)| light.ground_now(*texel, ground) * *rays);
@@ -146,7 +146,7 @@ fn look(
         match obstacles.first_hit(origin, d) {
             FirstHit::Sky => (),
             FirstHit::Ground(p) => count(&mut seen.ground, ground_texel(region, p)),
-            FirstHit::Phantom(side) => count(&mut seen.phantoms, side),
+            FirstHit::Phantom(tile) => count(&mut seen.phantoms, tile),
             FirstHit::Virtual(hit) => match surfels.reflecting_point(&hit, d, obstacles, region) {
                 Some(point) if surfels.is_front(&point, &hit) => {
                     count(&mut seen.virtual_points, point);

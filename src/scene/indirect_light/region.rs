@@ -5,7 +5,7 @@ use crate::mesh::{Part, Vertex};
 use glam::{DVec3, Vec2, Vec3};
 
 /// Bounding box of a part; world, metres.
-fn bounds(part: &Part) -> [Vec3; 2] {
+pub(super) fn bounds(part: &Part) -> [Vec3; 2] {
     let in_world = |v: &Vertex| part.world_from_part.transform_point3(v.position.as_dvec3());
     let corners = part.mesh.vertices.iter().map(in_world);
     let empty = [DVec3::INFINITY, DVec3::NEG_INFINITY];

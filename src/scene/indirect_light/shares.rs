@@ -3,6 +3,7 @@
 
 use super::region::Region;
 use super::result::{GROUND_SIDE, PhantomRadiance};
+use super::tiles::TILES;
 use glam::{UVec2, Vec3};
 use penumbra_lighting::compact_source_specular::CompleteMap;
 
@@ -29,8 +30,9 @@ impl DistantLight<'_> {
         self.ground_radiance(texel) * shares.share(texel)
     }
 
-    /// Radiance of a phantom's side.
-    pub fn phantom_radiance(&self, side: u32) -> Vec3 {
+    /// Radiance of a phantom's tile: that of its side.
+    pub fn phantom_radiance(&self, tile: u32) -> Vec3 {
+        let side = tile / TILES;
         let sides = self.phantoms.get(side as usize / 6);
         sides.map_or(Vec3::ZERO, |sides| sides[side as usize % 6])
     }
@@ -63,17 +65,23 @@ pub(super) fn ground_texel(region: &Region, p: Vec3) -> u32 {
     cell.y * GROUND_SIDE + cell.x
 }
 
-/// Ratio of the irradiance on each phantom side to that without virtual objects.
-pub(super) struct SideShares(pub Vec<Vec3>);
+/// Ratio of the irradiance on each tile of the phantoms to that without virtual objects.
+pub(super) struct TileShares(pub Vec<Vec3>);
 
-impl SideShares {
-    /// 1 for an unknown side.
-    pub fn share(&self, side: u32) -> Vec3 {
-        self.0.get(side as usize).copied().unwrap_or(Vec3::ONE)
+impl TileShares {
+    /// 1 for an unknown tile.
+    fn share(&self, tile: u32) -> Vec3 {
+        self.0.get(tile as usize).copied().unwrap_or(Vec3::ONE)
     }
 
-    /// Radiance of a side in the presence of the virtual objects.
-    pub fn radiance(&self, side: u32, light: &DistantLight<'_>) -> Vec3 {
-        light.phantom_radiance(side) * self.share(side)
+    /// Radiance of a tile in the presence of the virtual objects.
+    pub fn radiance(&self, tile: u32, light: &DistantLight<'_>) -> Vec3 {
+        light.phantom_radiance(tile) * self.share(tile)
+    }
+
+    /// Mean radiance of a phantom's side in the presence of the virtual objects.
+    pub fn of_side(&self, side: u32, light: &DistantLight<'_>) -> Vec3 {
+        let tiles = (TILES * side..TILES * (side + 1)).map(|tile| self.radiance(tile, light));
+        tiles.sum::<Vec3>() / TILES as f32
     }
 }

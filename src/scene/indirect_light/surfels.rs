@@ -7,7 +7,7 @@ use super::obstacles::{FirstHit, Obstacles, SurfacePoint};
 use super::region::Region;
 use super::result::NearbyRadiance;
 use super::sampling::{point_in, world_triangles};
-use super::shares::{DistantLight, GroundShares, SideShares, ground_texel};
+use super::shares::{DistantLight, GroundShares, TileShares, ground_texel};
 use super::surface::Surface;
 use super::surfel_index::SurfelIndex;
 use crate::lamps::PlacedLamp;
@@ -38,7 +38,7 @@ struct Surfel {
     ground: Vec<(u32, f32)>,
     /// Visible surfels and their form factors · π.
     others: Vec<(u32, f32)>,
-    /// Visible sides of phantoms and their form factors · π.
+    /// Visible tiles of phantoms and their form factors · π.
     phantoms: Vec<(u32, f32)>,
 }
 
@@ -58,7 +58,7 @@ enum Source {
     /// Index of a ground texel, see [`ground_texel`].
     Ground(u32),
     Surfel(u32),
-    /// Index of a phantom's side.
+    /// Index of a tile of a phantom.
     Phantom(u32),
 }
 
@@ -152,7 +152,7 @@ impl Surfels {
             FirstHit::Sky => Source::Sky,
             FirstHit::Ground(p) => Source::Ground(ground_texel(region, p)),
             FirstHit::Virtual(other) => Source::Surfel(self.nearest(&other)?),
-            FirstHit::Phantom(side) => Source::Phantom(side),
+            FirstHit::Phantom(tile) => Source::Phantom(tile),
         };
         Some(ReflectingPoint {
             surfel,
@@ -186,7 +186,7 @@ impl Surfels {
         &mut self,
         directions: &Directions,
         ground: &GroundShares,
-        sides: &SideShares,
+        tiles: &TileShares,
         light: &DistantLight<'_>,
         obstacles: &Obstacles,
     ) {
@@ -200,7 +200,7 @@ impl Surfels {
             let from_ground: Vec3 = surfel.ground.iter().map(on_ground).sum();
             let on_other = |(k, weight): &(u32, f32)| self.previous[*k as usize] * *weight;
             let from_others: Vec3 = surfel.others.iter().map(on_other).sum();
-            let on_phantom = |(side, weight): &(u32, f32)| sides.radiance(*side, light) * *weight;
+            let on_phantom = |(tile, weight): &(u32, f32)| tiles.radiance(*tile, light) * *weight;
             let from_phantoms: Vec3 = surfel.phantoms.iter().map(on_phantom).sum();
             let direct = sky + self.lamplight.at(i);
             let arriving = (direct + from_ground + from_others + from_phantoms) / PI;
@@ -217,7 +217,7 @@ impl Surfels {
         point: &ReflectingPoint,
         width: f32,
         ground: &GroundShares,
-        sides: &SideShares,
+        tiles: &TileShares,
         light: &DistantLight<'_>,
     ) -> Vec3 {
         let i = point.surfel as usize;
@@ -231,7 +231,7 @@ impl Surfels {
             }
             Source::Ground(texel) => light.ground_now(texel, ground),
             Source::Surfel(other) => self.total[other as usize],
-            Source::Phantom(side) => sides.radiance(side, light),
+            Source::Phantom(tile) => tiles.radiance(tile, light),
         };
         self.radiance[i] + surface.f0 * reflected
     }
@@ -342,7 +342,7 @@ impl Look<'_> {
                     let other = index.nearest(&hit);
                     visible.others.extend(other.map(|s| (s, weight)));
                 }
-                FirstHit::Phantom(side) => visible.phantoms.push((side, weight)),
+                FirstHit::Phantom(tile) => visible.phantoms.push((tile, weight)),
             }
         }
         visible

@@ -409,6 +409,49 @@ fn wall_lacks_the_light_of_ground_in_a_virtual_shadow_as_bright_as_that_is() {
     }
 }
 
+#[test]
+fn ground_lacks_the_light_of_the_shadowed_half_of_a_wall() {
+    // A sun low over −X shines on a real wall; a black board hides the half at y > 0 from it.
+    let wall = primitives::cuboid(Vec3::new(0.02, 0.6, 0.4));
+    let board = primitives::cuboid(Vec3::new(0.002, 0.3, 0.6));
+    let at = |x: f64, y: f64| DMat4::from_translation(glam::DVec3::new(x, y, 0.0));
+    let scene = Scene {
+        virtual_parts: vec![part_of(board, 0.0, 0.0, at(0.0, 0.15))],
+        phantom_parts: vec![part_of(wall, 0.5, 0.0, at(0.3, 0.0))],
+        ground_height: Some(0.0),
+        ..Scene::default()
+    };
+    let mut solver = IndirectLightSolver::new(&scene, &casters(&scene)).unwrap();
+    let direction = Vec3::new(-1.0, 0.0, 0.1);
+    let mut sun = sunlight(direction, penumbra_lighting::LightPlace::FAR);
+    sun.ground_radiance = Vec3::ZERO;
+    let mut radiance = [Vec3::ZERO; 6];
+    radiance[side_of(Vec3::NEG_X) as usize] = Vec3::ONE;
+    solver.update(&sun, real(&[radiance]), &[]);
+    let light = solver.light();
+    let size = (light.high - light.low).truncate();
+    for y in [-0.2, -0.1, 0.1, 0.2] {
+        let p = Vec3::new(0.22, y, 0.0);
+        let at = (p - light.low).truncate() / size;
+        let found = light.on_ground.value(&light.change.ground, at);
+        let lost = -found.expect("a grid").x;
+        let expected = from_half_of_wall(p);
+        assert!((lost - expected).abs() < 0.08, "{y}: {lost} {expected}");
+    }
+}
+
+/// Irradiance at a point of the ground by the half at y > 0 of a wall at x = 0.29 with radiance 1.
+fn from_half_of_wall(p: Vec3) -> f32 {
+    let (across, up) = (150, 200);
+    let step = 0.002;
+    let each = (0..across * up).map(|i| {
+        let at = glam::Vec2::new((i % across) as f32, (i / across) as f32) + 0.5;
+        let to_wall = Vec3::new(0.29, at.x * step, at.y * step) - p;
+        to_wall.z * to_wall.x / to_wall.length_squared().powi(2) * step * step
+    });
+    each.sum()
+}
+
 /// Irradiance at `p` on a surface that faces −X, by a square of the ground about the origin.
 fn from_square(p: Vec3, half: f32, radiance: f32) -> f32 {
     let step = 2.0 * half / 200.0;

@@ -5,7 +5,7 @@ use super::directions::{AXES, Directions};
 use super::obstacles::{FirstHit, Obstacles};
 use super::region::Region;
 use super::result::{Irradiance, VOLUME_SIZE};
-use super::shares::{DistantLight, SideShares};
+use super::shares::{DistantLight, TileShares};
 use glam::{UVec3, Vec3};
 
 /// Distance from a virtual surface, in distances of probes, below which a probe stands for its neighbours
@@ -18,7 +18,7 @@ pub(super) struct Volume {
 }
 
 struct Probe {
-    /// Sides of phantoms that are visible without virtual objects: index of the direction and side.
+    /// Tiles of phantoms that are visible without virtual objects: index of the direction and tile.
     phantoms: Vec<(usize, u32)>,
     window: f32,
     /// Whether it is neither inside an object nor close to one.
@@ -44,7 +44,7 @@ impl Volume {
     /// Computes the irradiance at every probe on surfaces that face the six axes.
     pub fn gather(
         &self,
-        sides: &SideShares,
+        tiles: &TileShares,
         directions: &Directions,
         light: &DistantLight<'_>,
         out: &mut Irradiance,
@@ -54,9 +54,9 @@ impl Volume {
             face.resize(self.probes.len(), Vec3::ZERO);
         }
         for (i, probe) in self.probes.iter().enumerate() {
-            for (direction, side) in &probe.phantoms {
+            for (direction, tile) in &probe.phantoms {
                 let d = directions.all[*direction];
-                let radiance = sides.radiance(*side, light);
+                let radiance = tiles.radiance(*tile, light);
                 for (face, axis) in out.volume.iter_mut().zip(AXES) {
                     let weight = d.dot(axis).max(0.0) * Directions::solid_angle();
                     face[i] += radiance * (weight * probe.window);
@@ -110,11 +110,11 @@ fn probe(
         match obstacles.first_hit(point, *d) {
             FirstHit::Virtual(hit) => {
                 nearest = nearest.min(hit.point.distance(point));
-                let hidden = obstacles.hidden_side(point, *d);
-                probe.phantoms.extend(hidden.map(|side| (i, side)));
+                let hidden = obstacles.hidden_tile(point, *d);
+                probe.phantoms.extend(hidden.map(|tile| (i, tile)));
             }
             FirstHit::Ground(_) | FirstHit::Sky => probe.is_outside = true,
-            FirstHit::Phantom(side) => probe.phantoms.push((i, side)),
+            FirstHit::Phantom(tile) => probe.phantoms.push((i, tile)),
         }
     }
     probe.is_outside &= nearest >= beside;
