@@ -125,7 +125,8 @@ impl DistanceSearch<'_> {
             let is_room = known
                 .map(|(_, lamp)| lamp.source.distance.inverse)
                 .any(|i| i > 0.0)
-                || looked.iter().any(|l| judged(l, None, ALONE).inverse > 0.0);
+                || looked.iter().any(|l| judged(l, None, ALONE).inverse > 0.0)
+                || (searched.len() > 1 && self.better_together(&searched) > SIGNIFICANT);
             let needed = if is_room { IN_A_ROOM } else { ALONE };
             let judge = |l: &Looked| (better_than_far(l), judged(l, None, needed));
             let all: Vec<(f32, LampDistance)> = looked.iter().map(judge).collect();
@@ -148,6 +149,24 @@ impl DistanceSearch<'_> {
         }
         found.sort_unstable_by_key(|(lamp, _)| *lamp);
         found
+    }
+
+    /// Student's t by which lamps where they have settled are better than all of them infinitely far.
+    fn better_together(&self, searched: &[Searched]) -> f32 {
+        let mut far: Vec<f32> = self.rest.iter().map(|rest| rest[LUMINANCE_OF]).collect();
+        self.add_lamps(&mut far, LUMINANCE_OF, |k| {
+            searched.iter().all(|s| s.lamp != k)
+        });
+        for s in searched {
+            let light = values(self.lamps[s.lamp].source.irradiance)[LUMINANCE_OF];
+            if let Some((form, octaves)) = s.at(0.0) {
+                add(&mut far, form, light * octaves.exp2());
+            }
+        }
+        let log: Vec<f32> = far.iter().map(|sum| sum.max(1e-9).ln()).collect();
+        let far = self.losses_of(LUMINANCE_OF, &log);
+        let near = self.losses_of(LUMINANCE_OF, &self.log_irradiance(LUMINANCE_OF, None));
+        improvement(&far, &near)
     }
 
     /// Gives each lamp its best distance in turn until none changes any more.

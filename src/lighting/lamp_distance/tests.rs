@@ -292,6 +292,44 @@ fn a_weak_lamp_is_near_where_another_one_is() {
 }
 
 #[test]
+fn weak_lamps_are_near_if_all_of_them_together_show_it() {
+    let places = [
+        DVec3::new(0.9, 0.5, 1.5),
+        DVec3::new(-0.9, 0.6, 1.6),
+        DVec3::new(0.0, -0.9, 1.7),
+        DVec3::new(-1.4, -0.6, 1.5),
+        DVec3::new(0.1, 1.6, 1.4),
+    ];
+    let near = |count: usize| {
+        // The others are infinitely far, in the same directions.
+        let lamp = |(k, place): (usize, &DVec3)| {
+            let far = if k < count { 1.0 } else { 300.0 };
+            (
+                OBSERVER + (*place - OBSERVER) * far,
+                0.08 * (far * far) as f32,
+            )
+        };
+        let table = Table {
+            lamps: places.iter().enumerate().map(lamp).collect(),
+            balls: BALLS.to_vec(),
+            texture: 0.15,
+        };
+        found(&table, &BALLS)
+    };
+    for (place, found) in places.iter().zip(near(5)) {
+        let expected = place.distance(OBSERVER).recip() as f32;
+        let error = (found.inverse - expected).abs();
+        assert!(error < 0.1, "{place}: {found:?} for {expected}");
+    }
+    for count in [0, 1] {
+        assert!(
+            near(count).iter().all(|found| found.inverse == 0.0),
+            "{count}"
+        );
+    }
+}
+
+#[test]
 fn without_known_shadows_the_fall_off_of_light_tells_and_foreign_shadows_do_not() {
     let lamps = vec![(DVec3::new(0.3, -0.2, 0.5), 0.3)];
     let mut table = Table {

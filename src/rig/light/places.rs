@@ -26,7 +26,7 @@ const TRIES: u32 = 4;
 /// picture, and above which they are told apart again.
 const MEETING: (f32, f32) = (0.2, 0.25);
 /// Number of lamps whose distances are searched, the strongest.
-const LAMPS: usize = 4;
+const LAMPS: usize = 8;
 /// Share of a new estimate in the distance and the energy of a lamp that is followed.
 const SHARE: f32 = 0.3;
 /// Share of a lamp's light in clipped pixels from which its energy is estimated.
