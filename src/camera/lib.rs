@@ -18,7 +18,7 @@ pub mod vignetting;
 pub use environment_view::{EnvironmentView, FisheyeLens, MirrorSphere};
 pub use lens::{Lens, LensModel, MAX_PARAMETERS, Projection};
 pub use look::{CameraNoise, DepthOfField, ExposureMotion, NoiseTexture, PointSpread};
-pub use mirror::SphereInCamera;
+pub use mirror::{MirroredView, SphereInCamera};
 pub use pinhole::PinholeCamera;
 pub use placed_view::{Parallax, PlacedView, ViewRay};
 pub use response::{Response, ResponseError, linear_from_srgb, srgb_from_linear};

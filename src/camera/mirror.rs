@@ -66,6 +66,14 @@ impl Mirror {
         })
     }
 
+    pub const fn view(&self) -> MirroredView {
+        MirroredView {
+            eye: self.eye,
+            centre: self.centre,
+            radius: self.radius,
+        }
+    }
+
     /// Centre and radius, world, metres.
     pub const fn ball(&self) -> (DVec3, f64) {
         (self.centre, self.radius)
@@ -168,6 +176,41 @@ fn bisect(mut low: f64, mut high: f64, below: impl Fn(f64) -> bool) -> f64 {
     0.5 * (low + high)
 }
 
+/// A mirrored sphere and the eye that sees it; world, metres.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MirroredView {
+    /// Where the eye is.
+    pub eye: DVec3,
+    /// Centre of the sphere.
+    pub centre: DVec3,
+    /// Radius of the sphere.
+    pub radius: f64,
+}
+
+impl MirroredView {
+    /// From the centre to the point from which what the sphere shows in a direction (unit vector) seems to be
+    /// seen, metres: the image of the eye, behind the surface, on the reflected ray. Things nearby appear in
+    /// the direction and in the size that they have from there. With the cosine of incidence c and the distance t of
+    /// the eye from the surface, the image lies 1/(1/t + 2/(R c)) behind it in the plane of incidence and
+    /// 1/(1/t + 2 c/R) across it (Coddington's equations); solid angles are those at the geometric mean.
+    #[must_use]
+    pub fn viewpoint(&self, direction: DVec3) -> DVec3 {
+        let to_eye = self.eye - self.centre;
+        let (mut normal, mut distance) = (to_eye.normalize_or_zero(), to_eye.length());
+        let mut cosine = 1.0;
+        for _ in 0..4 {
+            let path = to_eye - normal * self.radius;
+            distance = path.length();
+            normal = (path / distance + direction).normalize_or(normal);
+            cosine = normal.dot(direction);
+        }
+        let behind = |power: f64| (distance.recip() + 2.0 * power / self.radius).recip();
+        let cosine = cosine.max(0.05);
+        let image = (behind(cosine.recip()) * behind(cosine)).sqrt();
+        normal * self.radius - direction * image
+    }
+}
+
 /// A mirrored sphere in a camera's frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SphereInCamera {
@@ -224,6 +267,38 @@ mod tests {
         }
         // A direction hidden by the sphere itself.
         assert!(mirror.incidence(DVec3::Y).0 <= 0.0);
+    }
+
+    #[test]
+    fn a_lamp_is_as_large_as_from_the_image_of_the_eye() {
+        for (eye, angle) in [(0.5, 0.1), (0.5, 1.2), (5.0, 0.9), (0.2, 1.0)] {
+            let mirror = Mirror::new(DVec3::Z * eye, DVec3::ZERO, 0.05, 0.1).unwrap();
+            let lamp = DVec3::new(f64::sin(angle), 0.0, angle.cos()) * 0.6;
+            // The direction in which the mirror shows a point near the lamp.
+            let shown = |at: DVec3| {
+                let towards = |direction: DVec3| {
+                    let point = mirror.point_showing(direction).unwrap();
+                    (at - point).normalize()
+                };
+                (0..60).fold(at.normalize(), |direction, _| towards(direction))
+            };
+            let direction = shown(lamp);
+            let to_lamp = lamp - mirror.view().viewpoint(direction);
+            assert!(
+                to_lamp.normalize().distance(direction) < 2e-3,
+                "{eye} {angle}"
+            );
+            let (right, up) = direction.any_orthonormal_pair();
+            let step = 1e-4;
+            let angles = [right, up]
+                .map(|side| (shown(lamp + side * step) - shown(lamp - side * step)) / (2.0 * step));
+            let solid_angle = angles[0].cross(angles[1]).length();
+            let error = solid_angle * to_lamp.length_squared() - 1.0;
+            assert!(error.abs() < 0.005, "{eye} {angle}: {error}");
+            // From the middle of the ball it is smaller.
+            let from_centre = solid_angle * lamp.length_squared() - 1.0;
+            assert!(from_centre > 0.04, "{eye} {angle}: {from_centre}");
+        }
     }
 
     proptest! {

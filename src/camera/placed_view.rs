@@ -1,6 +1,6 @@
 //! Maps directions of the world to pixels of the environment camera's picture and back.
 
-use super::mirror::Mirror;
+use super::mirror::{Mirror, MirroredView};
 use crate::PinholeCamera;
 use crate::{EnvironmentView, FisheyeLens, MirrorSphere};
 use glam::{DVec2, DVec3};
@@ -223,6 +223,15 @@ impl PlacedView {
     pub const fn sphere(&self) -> Option<(DVec3, f64)> {
         match &self.optics {
             Optics::Mirror { mirror, .. } => Some(mirror.ball()),
+            Optics::Fisheye(_) => None,
+        }
+    }
+
+    /// Returns the mirrored sphere and the eye that sees it; `None` for a fisheye.
+    #[must_use]
+    pub const fn mirrored_view(&self) -> Option<MirroredView> {
+        match &self.optics {
+            Optics::Mirror { mirror, .. } => Some(mirror.view()),
             Optics::Fisheye(_) => None,
         }
     }

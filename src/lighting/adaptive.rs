@@ -27,13 +27,16 @@ const MIN_CELL_SHARE: f32 = 0.25;
 pub struct CompactSource {
     /// Constant while the source is followed, and never reused.
     pub id: u32,
-    /// Unit vector from the observer towards its centre of energy, world.
+    /// From the observer to the point from which it is seen, metres: a mirrored sphere shows lamps as they are seen
+    /// from inside it.
+    pub viewpoint: Vec3,
+    /// Unit vector from there towards its centre of energy, world.
     pub direction: Vec3,
-    /// Irradiance on a surface that faces it at the observer, scene camera units.
+    /// Irradiance on a surface that faces it there, scene camera units.
     pub irradiance: Vec3,
     /// Half angle of a cone with its solid angle, radians.
     pub angular_radius: f32,
-    /// Its distance from the observer.
+    /// Its distance from there.
     pub distance: LampDistance,
     /// Where it is, world, metres, if it is known to be near.
     pub position: Option<DVec3>,
@@ -50,6 +53,7 @@ impl CompactSource {
     pub(super) const fn of_unseen(lamp: &UnseenLamp) -> Self {
         Self {
             id: 0,
+            viewpoint: Vec3::ZERO,
             direction: lamp.direction,
             irradiance: lamp.irradiance,
             angular_radius: lamp.angular_radius,
@@ -152,6 +156,7 @@ impl AdaptiveDome {
         tracked
             .map(|s| CompactSource {
                 id: s.id,
+                viewpoint: Vec3::ZERO,
                 direction: s.direction,
                 irradiance: s.flux,
                 angular_radius: s.radius(),

@@ -25,6 +25,7 @@ use super::stages::Stages;
 use faces::{FaceTable, Filling};
 use glam::{DVec3, Mat3, Vec3};
 use penumbra_camera::EnvironmentView;
+use penumbra_camera::MirroredView;
 use penumbra_camera::PlacedView;
 use penumbra_camera::Response;
 use penumbra_camera::Vignetting;
@@ -252,7 +253,32 @@ impl EnvironmentEstimator {
                 world_from_camera, ..
             } => Some(world_from_camera.translation),
             EnvironmentView::Sphere { sphere, .. } => Some(sphere.centre_in_world),
-            EnvironmentView::SphereInScene { .. } => self.last_sphere.centre,
+            EnvironmentView::SphereInScene { .. } => self.last_sphere.view.map(|view| view.centre),
+        }
+    }
+
+    fn viewpoints(&self) -> Viewpoints {
+        Viewpoints {
+            observer: self.observer().unwrap_or(self.reference),
+            mirrored: self.mirrored_view(),
+            reference: self.reference,
+        }
+    }
+
+    /// Returns the mirrored sphere in which the environment is seen, and from where.
+    const fn mirrored_view(&self) -> Option<MirroredView> {
+        match self.view.as_ref() {
+            Some(EnvironmentView::Sphere {
+                world_from_camera,
+                sphere,
+                ..
+            }) => Some(MirroredView {
+                eye: world_from_camera.translation,
+                centre: sphere.centre_in_world,
+                radius: sphere.radius,
+            }),
+            Some(EnvironmentView::SphereInScene { .. }) => self.last_sphere.view,
+            Some(EnvironmentView::Fisheye { .. }) | None => None,
         }
     }
 
@@ -383,10 +409,7 @@ impl EnvironmentEstimator {
             View::Fixed(fixed) => &fixed.pixels.directions,
             View::Moving(_) | View::Stated(_) => &self.grid.directions,
         };
-        let views = Viewpoints {
-            observer: self.observer().unwrap_or(self.reference),
-            reference: self.reference,
-        };
+        let views = self.viewpoints();
         let (lights, irradiance) = match &mut self.dome {
             Dome::Adaptive(dome) => (
                 dome.update(

@@ -220,7 +220,8 @@ impl<'a> DistanceSearch<'a> {
         point: &SurfacePoint,
         is_seen: impl Fn(DVec3, DVec3) -> bool,
     ) -> f32 {
-        let shift = (self.observer - point.position) * f64::from(inverse);
+        let seen_from = self.observer + lamp.source.viewpoint.as_dvec3();
+        let shift = (seen_from - point.position) * f64::from(inverse);
         let normal = point.normal.as_dvec3();
         let origin = point.position + 1e-3 * normal;
         let by_part = |part: &Vec3| {

@@ -13,6 +13,7 @@
 
 use super::light::DomeLight;
 use glam::{DVec3, Vec3};
+use penumbra_camera::MirroredView;
 
 /// Distance from the reference, metres, within which virtual objects and their shadows lie.
 const BESIDE: f32 = 0.15;
@@ -215,20 +216,32 @@ pub struct Seen {
 pub struct Viewpoints {
     /// The point from which the environment is seen, world, metres.
     pub observer: DVec3,
+    /// The mirrored sphere in which it is seen, whose centre the observer is.
+    pub mirrored: Option<MirroredView>,
     /// The point, world, metres, for which lights are stated: the middle of the virtual objects.
     pub reference: DVec3,
 }
 
 impl Viewpoints {
-    /// Returns a light, seen by the observer at a distance of 1/`inverse_distance`, as it is seen
-    /// from the reference, and its place.
+    /// The same without a mirrored sphere: lamps that are not seen are stated for the observer.
+    #[must_use]
+    pub const fn direct(&self) -> Self {
+        Self {
+            mirrored: None,
+            ..*self
+        }
+    }
+
+    /// Returns a light, seen at a distance of 1/`inverse_distance`, as it is seen from the reference, and its place.
     #[must_use]
     pub fn moved(&self, seen: Seen, inverse_distance: f32) -> (Seen, LightPlace) {
         if inverse_distance <= 0.0 {
             return (seen, LightPlace::FAR);
         }
         let distance = f64::from(inverse_distance).recip();
-        let light = self.observer + seen.direction.as_dvec3() * distance;
+        let direction = seen.direction.as_dvec3();
+        let offset = (self.mirrored).map_or(DVec3::ZERO, |sphere| sphere.viewpoint(direction));
+        let light = self.observer + offset + direction * distance;
         let to = light - self.reference;
         // A light cannot be inside the objects that it lights.
         let there = to.length().max(0.2 * distance);
@@ -285,6 +298,7 @@ mod tests {
     fn moving_the_viewpoint_keeps_the_lamp_and_its_power() {
         let views = Viewpoints {
             observer: DVec3::new(-0.2, -0.1, 0.05),
+            mirrored: None,
             reference: DVec3::new(0.1, 0.0, 0.1),
         };
         let lamp = DVec3::new(-0.3, 0.2, 0.5);

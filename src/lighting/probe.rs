@@ -1,6 +1,6 @@
 //! State of the light probe, a mirrored sphere in the scene camera's picture, and of its map.
 
-use glam::DVec3;
+use penumbra_camera::MirroredView;
 use penumbra_interface::MonotonicTime;
 
 /// The map accumulated from a mirrored sphere, and when the sphere was seen.
@@ -24,8 +24,7 @@ pub struct ProbeMap {
 pub(super) struct LastSphere {
     pub(super) seen_at: Option<MonotonicTime>,
     pub(super) rim_shift: Option<f64>,
-    /// World, metres.
-    pub(super) centre: Option<DVec3>,
+    pub(super) view: Option<MirroredView>,
 }
 
 impl LastSphere {
@@ -34,9 +33,9 @@ impl LastSphere {
         &mut self,
         at: MonotonicTime,
         rim_shift: Option<f64>,
-        centre: Option<DVec3>,
+        view: Option<MirroredView>,
     ) {
-        self.centre = centre;
+        self.view = view;
         self.seen_at = Some(at);
         self.rim_shift = rim_shift;
     }

@@ -140,6 +140,7 @@ impl TrackedSource {
         let axes = (self.axis, self.direction.cross(self.axis));
         let mut next = 0;
         let (inverse_distance, is_unseen) = (self.distance.inverse, self.is_unseen);
+        let views = &if is_unseen { views.direct() } else { *views };
         let leaf_solid_angle = self.solid_angle / self.lights.max(1) as f32;
         cut(
             &mut self.parts.clone(),

@@ -39,6 +39,7 @@ impl EnvironmentEstimator {
                 irradiance: s.irradiance,
                 angular_radius: s.angular_radius,
             };
+            let views = if s.is_unseen { views.direct() } else { *views };
             let (seen, place) = views.moved(seen, s.distance.inverse);
             (seen.direction, place)
         };

@@ -24,9 +24,9 @@ impl EnvironmentEstimator {
         if let Some(placed) = self.place_sphere(brackets, input) {
             check_sizes(brackets, placed.view.size())?;
             if self.observe_sphere(&placed.view, brackets, input) {
-                let centre = placed.view.sphere().map(|(centre, _)| centre);
+                let view = placed.view.mirrored_view();
                 self.last_sphere
-                    .record(input.captured_at, placed.rim_shift, centre);
+                    .record(input.captured_at, placed.rim_shift, view);
             }
         }
         self.stages.done("gather");

@@ -43,10 +43,15 @@ impl EnvironmentEstimator {
             return Vec::new();
         };
         let mut sources = dome.sources();
+        if let Some(mirrored) = self.mirrored_view() {
+            for source in sources.iter_mut().filter(|s| !s.is_unseen) {
+                source.viewpoint = mirrored.viewpoint(source.direction.as_dvec3()).as_vec3();
+            }
+        }
         if let Some(observer) = self.observer() {
             for source in sources.iter_mut().filter(|s| s.distance.inverse > 0.0) {
-                let to = source.direction.as_dvec3() / f64::from(source.distance.inverse);
-                source.position = Some(observer + to);
+                let to = source.direction / source.distance.inverse + source.viewpoint;
+                source.position = Some(observer + to.as_dvec3());
             }
         }
         let strength = |s: &CompactSource| s.irradiance.dot(LUMINANCE);

@@ -7,6 +7,7 @@ use penumbra_numerics::Random;
 pub fn overhead(boxes: usize, painted: usize) -> (SeenSurfaces, CompactSource) {
     let lamp = CompactSource {
         id: 0,
+        viewpoint: Vec3::ZERO,
         direction: Vec3::Z,
         irradiance: Vec3::splat(2.0),
         angular_radius: 0.01,
@@ -131,6 +132,7 @@ impl Table {
             let to = *lamp - OBSERVER;
             seen_lamp(CompactSource {
                 id,
+                viewpoint: Vec3::ZERO,
                 direction: to.normalize().as_vec3(),
                 irradiance: Vec3::splat(*power / to.length_squared() as f32),
                 angular_radius: 0.01,

@@ -94,6 +94,7 @@ impl UnseenLamp {
             angular_radius: source.angular_radius.max(RADII[0]),
             irradiance: source.irradiance,
         }
+        .moved(-source.viewpoint)
     }
 
     /// Directions evenly spread over it.

@@ -235,7 +235,7 @@ impl LampPlaces {
 
     /// The distance of a stated light in the direction of a source.
     fn stated_distance(&self, source: &CompactSource, observer: DVec3) -> Option<LampDistance> {
-        let towards = |at: &DVec3| (*at - observer).as_vec3();
+        let towards = |at: &DVec3| (*at - observer).as_vec3() - source.viewpoint;
         let angle = |at: &DVec3| towards(at).angle_between(source.direction);
         let nearest = self
             .stated
@@ -473,6 +473,7 @@ mod tests {
     fn source(id: u32, azimuth: f32) -> CompactSource {
         CompactSource {
             id,
+            viewpoint: Vec3::ZERO,
             direction: Vec3::new(azimuth.cos(), azimuth.sin(), 0.0),
             irradiance: Vec3::ONE,
             angular_radius: 0.05,
