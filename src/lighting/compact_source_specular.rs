@@ -18,7 +18,7 @@
 use super::cube::{CubeGrid, sample};
 use super::light::{CompactSourceSpecular, CubeMap, MAX_COMPACT_SOURCES, MAX_LEVELS};
 use super::lobes::{Family, own_width, phong_exponent, widths};
-use super::place::LightPlace;
+use super::place::{LightPlace, Seen};
 use super::sources::LUMINANCE;
 use glam::Vec3;
 use penumbra_numerics::smoothstep;
@@ -60,7 +60,7 @@ pub fn excesses(
     grid: &CubeGrid,
     full: &[Vec3],
     without: &[Vec3],
-    sources: &[(Vec3, LightPlace)],
+    sources: &[(Seen, LightPlace)],
     widths: &[f32],
 ) -> Vec<Excess> {
     let sources = &sources[..sources.len().min(MAX_COMPACT_SOURCES)];
@@ -70,9 +70,8 @@ pub fn excesses(
         total += l.dot(LUMINANCE) * grid.solid_angles[i];
         let above = (*l - *rest).max(Vec3::ZERO);
         if above.max_element() > 1e-3 * l.max_element() {
-            let along = |k: &usize| sources[*k].0.dot(grid.directions[i]);
-            let nearest = (0..sources.len()).max_by(|a, b| along(a).total_cmp(&along(b)));
-            if let Some(k) = nearest {
+            let direction = grid.directions[i];
+            if let Some(k) = owner(sources.iter().map(|(seen, _)| *seen), direction) {
                 parts[k].push((i as u32, above));
             }
         }
@@ -80,6 +79,13 @@ pub fn excesses(
     let each = parts.into_iter().zip(sources);
     each.filter_map(|(parts, (_, place))| describe(grid, parts, total, (widths, *place)))
         .collect()
+}
+
+/// The source to which the light from a direction belongs: the one whose outline is nearest.
+pub(super) fn owner(sources: impl Iterator<Item = Seen>, direction: Vec3) -> Option<usize> {
+    let apart = |s: Seen| direction.distance(s.direction) - s.angular_radius;
+    let all = sources.map(apart).enumerate();
+    all.min_by(|a, b| a.1.total_cmp(&b.1)).map(|(k, _)| k)
 }
 
 fn describe(
@@ -260,8 +266,16 @@ mod tests {
 
     const SIZE: u32 = 64;
 
+    fn disc(direction: Vec3, angular_radius: f32) -> Seen {
+        Seen {
+            direction,
+            irradiance: Vec3::ONE,
+            angular_radius,
+        }
+    }
+
     /// Returns a uniform sky with a disc in it, the sky without it, and where the disc is.
-    fn sky(radius: f32) -> (CubeGrid, [Vec<Vec3>; 2], [(Vec3, LightPlace); 1]) {
+    fn sky(radius: f32) -> (CubeGrid, [Vec<Vec3>; 2], [(Seen, LightPlace); 1]) {
         let grid = CubeGrid::new(SIZE);
         let towards = Vec3::new(0.4, -0.3, 0.8).normalize();
         let without = vec![Vec3::splat(0.1); grid.directions.len()];
@@ -270,7 +284,11 @@ mod tests {
         let full = each
             .map(|d| Vec3::splat(if lit(d) { 50.0 } else { 0.1 }))
             .collect();
-        (grid, [full, without], [(towards, LightPlace::FAR)])
+        (
+            grid,
+            [full, without],
+            [(disc(towards, radius), LightPlace::FAR)],
+        )
     }
 
     fn all_widths() -> Vec<f32> {
@@ -281,6 +299,41 @@ mod tests {
         let (grid, [full, without], disc) = sky(radius);
         let sources = excesses(&grid, &full, &without, &disc, &all_widths());
         (Prefilter::new(SIZE).apply_without(&full, &sources), sources)
+    }
+
+    #[test]
+    fn lamp_beside_a_window_takes_none_of_its_light() {
+        let grid = CubeGrid::new(SIZE);
+        let window = disc(Vec3::new(0.4, -0.3, 0.8).normalize(), 0.4);
+        let lamp = disc(
+            Quat::from_axis_angle(Vec3::Z.cross(window.direction).normalize(), 0.55)
+                * window.direction,
+            0.07,
+        );
+        let radiance = |d: &Vec3| {
+            let within = |seen: Seen| d.dot(seen.direction) > seen.angular_radius.cos();
+            0.1 + 20.0 * f32::from(u8::from(within(window)))
+                + 50.0 * f32::from(u8::from(within(lamp)))
+        };
+        let full: Vec<Vec3> = grid
+            .directions
+            .iter()
+            .map(|d| Vec3::splat(radiance(d)))
+            .collect();
+        let without = vec![Vec3::splat(0.1); full.len()];
+        let sources = [window, lamp].map(|seen| (seen, LightPlace::FAR));
+        let found = excesses(&grid, &full, &without, &sources, &all_widths());
+        let found = found
+            .iter()
+            .find(|s| s.source.radius < 0.2)
+            .expect("the lamp")
+            .source;
+        let flux = 50.0 * 2.0 * PI * (1.0 - lamp.angular_radius.cos());
+        assert!((found.flux.x / flux - 1.0).abs() < 0.15, "{found:?} {flux}");
+        assert!(
+            (found.radius / lamp.angular_radius - 1.0).abs() < 0.15,
+            "{found:?}"
+        );
     }
 
     #[test]
@@ -297,7 +350,7 @@ mod tests {
                 (source.radius / radius - 1.0).abs() < 0.15,
                 "{radius}: {source:?}"
             );
-            assert!(source.direction.dot(sky(radius).2[0].0) > 0.9999);
+            assert!(source.direction.dot(sky(radius).2[0].0.direction) > 0.9999);
         }
     }
 
@@ -354,7 +407,11 @@ mod tests {
         let to_lamp = found[0].source.direction * 2.0 - point;
         let nearer = 4.0 / to_lamp.length_squared();
         let turn = Quat::from_rotation_arc(found[0].source.direction, to_lamp.normalize());
-        for d in [towards, Vec3::new(0.4, -0.1, 0.8).normalize(), Vec3::Z] {
+        for d in [
+            towards.direction,
+            Vec3::new(0.4, -0.1, 0.8).normalize(),
+            Vec3::Z,
+        ] {
             let lamp = |p, d| complete.blurred(p, d, 0.1, 0.0).x - 0.1;
             let (ours, expected) = (lamp(point, turn * d), nearer * lamp(Vec3::ZERO, d));
             assert!(

@@ -1,7 +1,7 @@
 //! The radiance map for glossy surfaces, and how it is filtered.
 
 use super::super::box_chain::box_chain;
-use super::super::compact_source_specular::excesses;
+use super::super::compact_source_specular::{excesses, owner};
 use super::super::cube::sample_seamless;
 use super::super::light::{CubeMap, Filtering};
 use super::super::lobes::widths;
@@ -23,7 +23,7 @@ impl EnvironmentEstimator {
         self.prefilter.set_phong(wanted);
     }
 
-    /// Returns the directions of `sources` as seen from where lights are needed, with their places,
+    /// Returns `sources` as seen from where lights are needed, with their places,
     /// and the map `full`, which contains them and `without` does not, with the near ones moved to
     /// these directions. Their radiance stays the same.
     pub(super) fn moved_sources(
@@ -32,18 +32,18 @@ impl EnvironmentEstimator {
         without: &[Vec3],
         sources: &[CompactSource],
         views: &Viewpoints,
-    ) -> (Vec<(Vec3, LightPlace)>, Vec<Vec3>) {
-        let moved = |s: &CompactSource| {
-            let seen = Seen {
-                direction: s.direction,
-                irradiance: s.irradiance,
-                angular_radius: s.angular_radius,
-            };
-            let views = if s.is_unseen { views.direct() } else { *views };
-            let (seen, place) = views.moved(seen, s.distance.inverse);
-            (seen.direction, place)
+    ) -> (Vec<(Seen, LightPlace)>, Vec<Vec3>) {
+        let as_seen = |s: &CompactSource| Seen {
+            direction: s.direction,
+            irradiance: s.irradiance,
+            angular_radius: s.angular_radius,
         };
-        let places: Vec<(Vec3, LightPlace)> = sources.iter().map(moved).collect();
+        let owner = |direction: Vec3| owner(sources.iter().map(as_seen), direction);
+        let moved = |s: &CompactSource| {
+            let views = if s.is_unseen { views.direct() } else { *views };
+            views.moved(as_seen(s), s.distance.inverse)
+        };
+        let places: Vec<(Seen, LightPlace)> = sources.iter().map(moved).collect();
         if places.iter().all(|(_, place)| place.is_far()) {
             return (places, full);
         }
@@ -51,20 +51,21 @@ impl EnvironmentEstimator {
         let excess: Vec<[f32; 3]> = full.iter().zip(without).map(excess).collect();
         let mut out = without.to_vec();
         for (i, d) in self.grid.directions.iter().enumerate() {
-            if owner(sources, *d).is_none_or(|k| sources[k].distance.inverse == 0.0) {
+            if owner(*d).is_none_or(|k| sources[k].distance.inverse == 0.0) {
                 out[i] += Vec3::from(excess[i]);
             }
-            for (k, (source, (direction, place))) in sources.iter().zip(&places).enumerate() {
+            for (k, (source, (there, place))) in sources.iter().zip(&places).enumerate() {
+                let direction = there.direction;
                 let reach = 3.0 * source.angular_radius + 4.0 / self.grid.size as f32;
                 if place.is_far() || direction.dot(*d) < 0.5 {
                     continue;
                 }
                 // It turns towards who looks at it: a lamp is as round from there as from here.
-                let turn = Quat::from_rotation_arc(*direction, source.direction);
+                let turn = Quat::from_rotation_arc(direction, source.direction);
                 let nearer = place.inverse_distance / source.distance.inverse;
-                let beside = turn * (*d - *direction) / nearer;
+                let beside = turn * (*d - direction) / nearer;
                 let seen = (source.direction + beside).normalize();
-                if seen.distance(source.direction) < reach && owner(sources, seen) == Some(k) {
+                if seen.distance(source.direction) < reach && owner(seen) == Some(k) {
                     out[i] += sample_seamless(&excess, self.grid.size, seen);
                 }
             }
@@ -77,7 +78,7 @@ impl EnvironmentEstimator {
         &self,
         full: &[Vec3],
         without: &[Vec3],
-        sources: &[(Vec3, LightPlace)],
+        sources: &[(Seen, LightPlace)],
         input: &EnvironmentInput,
     ) -> CubeMap {
         let map = match self.settings.filtering {
@@ -100,11 +101,4 @@ impl EnvironmentEstimator {
             ..map
         }
     }
-}
-
-/// The source to which the light from a direction belongs: the one whose outline is nearest.
-fn owner(sources: &[CompactSource], direction: Vec3) -> Option<usize> {
-    let apart = |s: &CompactSource| direction.distance(s.direction) - s.angular_radius;
-    let all = sources.iter().map(apart).enumerate();
-    all.min_by(|a, b| a.1.total_cmp(&b.1)).map(|(k, _)| k)
 }
