@@ -66,6 +66,7 @@ impl Mirror {
         })
     }
 
+    /// The sphere and the eye.
     pub const fn view(&self) -> MirroredView {
         MirroredView {
             eye: self.eye,
