@@ -8,8 +8,9 @@ use penumbra_lighting::box_chain::{box_chain, box_level};
 use penumbra_lighting::compact_source_specular::{excesses, reflected};
 use penumbra_lighting::cube::CubeGrid;
 use penumbra_lighting::lobes::{Family, Levels, phong_parameter, tilted, widths};
+use penumbra_lighting::place::{LightPlace, Seen};
 use penumbra_lighting::prefilter::{Prefilter, gathered, level_count};
-use penumbra_lighting::{CubeMap, LightPlace, Lighting};
+use penumbra_lighting::{CubeMap, Lighting};
 use penumbra_picture::Picture;
 use penumbra_scene::{Material, Part, Phong, PlacedLamp, SceneTexture, primitives};
 use std::f32::consts::PI;
@@ -196,9 +197,16 @@ fn separated_window(size: u32, place: LightPlace) -> CubeMap {
         .iter()
         .map(|l| if l.x > 1.1 { *l - 1.5 } else { *l })
         .collect();
-    let window = [(Vec3::new(0.5, -0.6, 0.6).normalize(), place)];
+    let added = |(l, rest): (&Vec3, &Vec3)| f32::from(l != rest);
+    let inside = full.iter().zip(&without).map(added);
+    let solid_angle: f32 = inside.zip(&grid.solid_angles).map(|(a, b)| a * b).sum();
+    let window = Seen {
+        direction: Vec3::new(0.5, -0.6, 0.6).normalize(),
+        irradiance: Vec3::splat(1.5 * solid_angle),
+        angular_radius: (solid_angle / PI).sqrt(),
+    };
     let widths: Vec<f32> = widths(size, level_count(size)).collect();
-    let sources = excesses(&grid, &full, &without, &window, &widths);
+    let sources = excesses(&grid, &full, &without, &[(window, place)], &widths);
     assert_eq!(sources.len(), 1);
     let prefilter = Prefilter::new(size).with_phong(true);
     prefilter.apply_without(&full, &sources)

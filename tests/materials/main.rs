@@ -8,14 +8,15 @@ mod maps;
 use glam::Vec3;
 use integral::{Integrator, View, boxed, prefiltered, reflectance};
 use maps::{SPOT, real, rendered};
+use penumbra_lighting::CubeMap;
 use penumbra_lighting::box_chain::box_chain;
 use penumbra_lighting::compact_source_specular::excesses;
 use penumbra_lighting::cube::CubeGrid;
 use penumbra_lighting::lobes::{Family, Levels, phong_parameter, widths};
+use penumbra_lighting::place::{LightPlace, Seen};
 use penumbra_lighting::prefilter::{Prefilter, level_count};
-use penumbra_lighting::sources::{Layout, SampleGrid, SourceFinder, SourceSettings};
-use penumbra_lighting::{CubeMap, LightPlace};
-use std::f32::consts::TAU;
+use penumbra_lighting::sources::{Layout, SampleGrid, Source, SourceFinder, SourceSettings};
+use std::f32::consts::{PI, TAU};
 use std::sync::LazyLock;
 
 const SIZE: u32 = 128;
@@ -70,7 +71,12 @@ fn chain(map: &[Vec3]) -> CubeMap {
     for (i, flux) in sources.iter().flat_map(|s| &s.parts) {
         without[*i as usize] -= *flux / grid.solid_angles[*i as usize];
     }
-    let far: Vec<_> = (sources.iter().map(|s| (s.direction, LightPlace::FAR))).collect();
+    let seen = |s: &Source| Seen {
+        direction: s.direction,
+        irradiance: s.flux,
+        angular_radius: (s.solid_angle / PI).sqrt(),
+    };
+    let far: Vec<_> = (sources.iter().map(|s| (seen(s), LightPlace::FAR))).collect();
     let widths: Vec<f32> = widths(SIZE, level_count(SIZE)).collect();
     PREFILTER.apply_without(map, &excesses(&grid, map, &without, &far, &widths))
 }
