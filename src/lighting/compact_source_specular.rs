@@ -236,12 +236,28 @@ impl<'a> CompleteMap<'a> {
     /// as `least`.
     #[must_use]
     pub fn blurred(&self, point: Vec3, direction: Vec3, width: f32, least: f32) -> Vec3 {
+        self.mirrored((point, Vec3::ZERO), direction, width, least)
+    }
+
+    /// Returns the same as a surface at `point` with unit normal `n` mirrors it: nothing that the map's level leaves
+    /// out behind it.
+    #[must_use]
+    pub fn mirrored(
+        &self,
+        (point, n): (Vec3, Vec3),
+        direction: Vec3,
+        width: f32,
+        least: f32,
+    ) -> Vec3 {
         let level = self.nearest(width);
         // What the map itself leaves out is as sharp as its next level.
         let wide = self.nearest(width.max(least)).max(1);
         let (w, norm) = self.lobes[wide - 1];
         let of = |source: &CompactSourceSpecular| {
             let source = source.seen_from(point);
+            if n.dot(source.direction) < 0.0 {
+                return Vec3::ZERO;
+            }
             let lobe = Family::Ggx.round(w, direction.dot(source.direction)) * norm;
             source.flux * (source.weight(level as f32) * lobe)
         };

@@ -101,6 +101,9 @@ const SCALE: (f32, f32) = (0.05, 0.25);
 /// Least cosine between the normals of compared points.
 const SAME_NORMAL: f32 = 0.9;
 
+/// Places within the part of the picture that a point stands for, steps of the grid along rows and columns.
+const WITHIN: [(f64, f64); 4] = [(-0.1, -0.3), (0.3, -0.1), (0.1, 0.3), (-0.3, 0.1)];
+
 /// Angular radius, radians, from which the shadows of a lamp are soft.
 const WIDE: f32 = 0.1;
 
@@ -125,6 +128,8 @@ pub struct DistanceSearch<'a> {
     scale: f32,
     faces: Faces,
     pairs: Vec<Pair>,
+    /// Whether sharp edges of shadows are as soft as the parts of the picture are large that points stand for.
+    smooths: bool,
 }
 
 /// Two points that are compared.
@@ -167,6 +172,7 @@ impl<'a> DistanceSearch<'a> {
             scale: SCALE.1,
             faces: Faces::of(surfaces),
             pairs: Vec::new(),
+            smooths: false,
         };
         search.pairs = search.compared();
         let by_lamp = lamps
@@ -190,7 +196,11 @@ impl<'a> DistanceSearch<'a> {
         };
         let is_seen = |origin, to| !(self.blocked)(origin, to, farthest);
         if lamp.source.angular_radius < WIDE {
-            return points.iter().map(|p| by_parts(p, &is_seen)).collect();
+            let mut form = points.iter().map(|p| by_parts(p, &is_seen)).collect();
+            if self.smooths && lamp.parts.len() == 1 {
+                self.smooth_edges(&mut form, |p| by_parts(&Some(p), &is_seen));
+            }
+            return form;
         }
         // Where shadows are soft, every second point tells what is between.
         let is_traced =
@@ -210,6 +220,39 @@ impl<'a> DistanceSearch<'a> {
             }
         }
         form
+    }
+
+    /// Replaces the light at the sharp edges of shadows by its mean over what a point of the grid stands for.
+    fn smooth_edges(&self, form: &mut Vec<f32>, light: impl Fn(SurfacePoint) -> f32) {
+        let points = &self.surfaces.points;
+        let smooth = |(i, here): (usize, &f32)| {
+            let Some(p) = points[i] else { return *here };
+            let beside = self.beside(i).map(|k| {
+                let k = k.filter(|k| *k < points.len())?;
+                points[k].filter(|q| q.is_beside(&p)).map(|q| (q, form[k]))
+            });
+            let is_edge = |there: f32| (there > 0.0) != (*here > 0.0);
+            if !beside.iter().flatten().any(|(_, there)| is_edge(*there)) {
+                return *here;
+            }
+            // A step of the grid along rows and columns.
+            let step = |before: usize, after: usize| {
+                let to =
+                    |k: usize| beside[k].map(|(q, _): (SurfacePoint, f32)| q.position - p.position);
+                let back = || to(before).map(|to| -to);
+                to(after).or_else(back).unwrap_or_default()
+            };
+            let (right, down) = (step(0, 1), step(2, 3));
+            let sum: f32 = WITHIN
+                .iter()
+                .map(|(x, y)| {
+                    let position = p.position + right * *x + down * *y;
+                    light(SurfacePoint { position, ..p })
+                })
+                .sum();
+            sum / WITHIN.len() as f32
+        };
+        *form = form.iter().enumerate().map(smooth).collect();
     }
 
     /// The same at one point, with those parts of the lamp that it sees, in directions from an origin.

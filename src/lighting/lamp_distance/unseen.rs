@@ -26,7 +26,7 @@ const NEAREST: f32 = 5.0;
 /// Mean light on the surfaces by the lamp, octaves of that by all others.
 const OCTAVES: [f32; 6] = [-3.0, -2.0, -1.0, 0.0, 1.0, 2.0];
 /// Angular radii, radians.
-const RADII: [f32; 4] = [0.015, 0.04, 0.08, 0.15];
+pub(super) const RADII: [f32; 4] = [0.015, 0.04, 0.08, 0.15];
 /// First steps of the direction, radians, of the reciprocal, 1/m, and of the energy, octaves.
 const STEPS: (f32, f32, f32) = (0.06, 0.4, 0.5);
 /// Number of steps, at first and from look to look, and what their size is multiplied by after one that fits better,
@@ -197,8 +197,9 @@ impl DistanceSearch<'_> {
         let others = self.irradiance_without(LUMINANCE_OF, None);
         let mut best = self.trial(best.lamp, best.light, &others);
         self.improve(&mut best, hiding, &others, (0.5, CHANGES));
-        self.widen(&mut best, &others);
-        self.improve(&mut best, hiding, &others, (0.25, CHANGES));
+        self.smooths = true;
+        self.widen(&mut best, hiding, &others);
+        self.smooths = false;
         let without = self.losses_of(LUMINANCE_OF, &logarithms(&others));
         let needed = match hiding(best.lamp.direction) {
             Hiding::NotSeen => THERE,
@@ -341,6 +342,7 @@ impl DistanceSearch<'_> {
             scale: self.scale,
             faces: super::faces::Faces::default(),
             pairs: Vec::new(),
+            smooths: false,
         };
         search.pairs = search.compared();
         search
@@ -444,14 +446,19 @@ impl DistanceSearch<'_> {
         }
     }
 
-    /// Gives a trial the radius that fits best.
-    fn widen(&self, best: &mut Trial, others: &[f32]) {
+    /// Gives a trial the radius that fits best, each in the direction that fits it best.
+    fn widen(&self, best: &mut Trial, hiding: &dyn Fn(Vec3) -> Hiding, others: &[f32]) {
+        let start = best.clone();
         for angular_radius in RADII {
             let lamp = UnseenLamp {
                 angular_radius,
-                ..best.lamp
+                ..start.lamp
             };
-            self.keep_better(best, lamp, best.light, others);
+            let mut trial = self.trial(lamp, start.light, others);
+            self.improve(&mut trial, hiding, others, (0.25, CHANGES));
+            if trial.total < best.total {
+                *best = trial;
+            }
         }
     }
 }

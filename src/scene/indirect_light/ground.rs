@@ -17,6 +17,9 @@ use std::f32::consts::{PI, TAU};
 
 /// Number of rays from each ground texel that gather indirect light.
 const GATHERED: usize = 48;
+/// Least width of the lobe in which a point of a virtual object mirrors lamps onto the ground, radians: in a narrower
+/// one, few rays meet the highlight of the sun on a metal ball, which the eye sees as spots on the ground.
+const LAMPS: f32 = 0.2;
 /// Largest share of the light of virtual objects that the ground reflects. A picture in which it is brighter than its
 /// light allows, because a lamp was clipped, would let light between objects and the ground grow without end.
 const MOST_REFLECTED: f32 = 1.0;
@@ -171,7 +174,8 @@ impl GroundGrid {
         // Tiles that are hidden now are in `phantoms` too, so their present light is subtracted.
         let change = |texel: &Texel| {
             let gained = texel.virtual_points.iter().map(|(point, tile)| {
-                surfels.radiance(point, 0.0, shares, tiles, light) - tile.map_or(Vec3::ZERO, now)
+                surfels.radiance(point, (0.0, LAMPS), shares, tiles, light)
+                    - tile.map_or(Vec3::ZERO, now)
             });
             let dimmed = texel.phantoms.iter().map(|s| now(*s) - before(*s));
             (gained.sum::<Vec3>() + dimmed.sum::<Vec3>()) * factor(texel)

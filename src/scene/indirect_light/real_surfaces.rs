@@ -109,7 +109,7 @@ impl RealPoints {
         };
         let change = |point: &RealPoint| {
             let gained = point.virtual_points.iter().map(|((point, behind), rays)| {
-                let gained = surfels.radiance(point, MIRRORED, ground, tiles, light);
+                let gained = surfels.radiance(point, (MIRRORED, MIRRORED), ground, tiles, light);
                 (gained - before(*behind)) * *rays
             });
             let dimmed = point.visible.iter();
@@ -136,7 +136,7 @@ impl RealPoints {
 /// by area; returns them with the area of each, square metres. What lies flat on the ground has the ground's
 /// grid.
 fn places(phantoms: &[Part], region: &Region, count: usize) -> (Vec<(Vec3, Vec3)>, f32) {
-    let [low, high] = region.beside_objects();
+    let [low, high] = region.beside_objects;
     let is_ground = |t: &[Vec3; 3]| {
         let n = (t[1] - t[0]).cross(t[2] - t[0]).normalize_or_zero();
         n.z > 0.99 && t[0].z < region.floor + region.offset()

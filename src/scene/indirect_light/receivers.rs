@@ -89,8 +89,9 @@ impl Receivers {
     ) {
         let irradiance = self.points.iter().map(|point| {
             let points = point.virtual_points.iter();
-            let from_virtual =
-                points.map(|(p, rays)| surfels.radiance(p, MIRRORED, ground, tiles, light) * *rays);
+            let from_virtual = points.map(|(p, rays)| {
+                surfels.radiance(p, (MIRRORED, MIRRORED), ground, tiles, light) * *rays
+            });
             let real = point.phantoms.iter();
             let from_real = real.map(|(tile, rays)| tiles.radiance(*tile, light) * *rays);
             let on_ground = point.ground.iter();

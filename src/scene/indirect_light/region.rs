@@ -28,17 +28,24 @@ pub(super) struct Region {
     pub on_ground: GroundMap,
     /// Bounding box of the objects.
     objects: [Vec3; 2],
+    /// The box in which phantoms receive indirect light.
+    pub beside_objects: [Vec3; 2],
 }
 
-/// How far phantoms receive indirect light, as a share of the region's reach: a larger box would make their grid
-/// coarser.
+/// How far light between the objects and what is around them reaches, in heights of the objects.
+const NEAR: f32 = 1.5;
+/// How far the objects' shadows reach, in their heights: those of a sun 22° high.
+const SHADOWS: f32 = 2.5;
+/// How far phantoms receive indirect light, as a share of the first: a larger box would make their grid coarser.
 const BESIDE: f32 = 0.75;
-/// How far the finer part of the ground reaches beyond the objects, as a share of the region's reach.
+/// How far the finer part of the ground reaches beyond the objects, as a share of the same.
 const CONTACT: f32 = 0.15;
+/// Share of the region's size at its walls over which indirect light fades.
+const WALLS: f32 = 0.08;
 
 impl Region {
-    /// Extends the objects' bounding box to every side by the larger of their width and 1.5 times
-    /// their height. What stands within that of the phantoms `lit` by virtual lights counts like the
+    /// Extends the objects' bounding box to every side by the larger of their width and the length of their
+    /// shadows. What stands near them of the phantoms `lit` by virtual lights counts like the
     /// objects; without objects, all of them. `None` without either.
     pub fn around<'a>(
         parts: &[Part],
@@ -46,13 +53,12 @@ impl Region {
         ground: Option<f64>,
     ) -> Option<Self> {
         let floor_below = |low: Vec3| ground.map_or(low.z, |g| g as f32);
-        let reach_of = |[low, high]: [Vec3; 2]| {
-            let width = (high - low).truncate().max_element();
-            width.max(1.5 * (high.z - floor_below(low)))
-        };
         let objects = parts.iter().map(bounds).reduce(union);
         let objects = objects.or_else(|| lit.by_ref().map(bounds).reduce(union))?;
-        let reach = reach_of(objects);
+        let width = (objects[1] - objects[0]).truncate().max_element();
+        let height = objects[1].z - floor_below(objects[0]);
+        let reach = width.max(NEAR * height);
+        let shadows = reach.max(SHADOWS * height);
         let [near_low, near_high] = [objects[0] - reach, objects[1] + reach];
         let near = lit
             .map(bounds)
@@ -62,8 +68,13 @@ impl Region {
         let floor = floor_below(low);
         let usable = reach.is_finite() && reach > 0.0;
         usable.then(|| {
-            let low = Vec3::new(low.x - reach, low.y - reach, floor);
-            let high = Vec3::new(high.x + reach, high.y + reach, high.z + 0.3 * reach);
+            let above = 0.3 * reach;
+            let beside_objects = [
+                objects[0].lerp(low - reach, BESIDE).with_z(floor),
+                objects[1].lerp(high + Vec3::new(reach, reach, above), BESIDE),
+            ];
+            let low = Vec3::new(low.x - shadows, low.y - shadows, floor);
+            let high = high + Vec3::new(shadows, shadows, above);
             let share = |p: Vec3| (p - low).truncate() / (high - low).truncate();
             let near = CONTACT * reach;
             Self {
@@ -71,6 +82,7 @@ impl Region {
                 low,
                 high,
                 floor,
+                beside_objects,
                 on_ground: GroundMap::new(share(objects[0] - near), share(objects[1] + near)),
             }
         })
@@ -83,21 +95,20 @@ impl Region {
         flat.extend(self.floor)
     }
 
+    /// The point of the region at a place in the grid of the air, 0 to 1: above that on the ground.
+    pub fn in_air(&self, at: Vec3) -> Vec3 {
+        let flat = self.ground_at(at.truncate());
+        flat.with_z(self.low.z + at.z * (self.high.z - self.low.z))
+    }
+
     /// Distance of a ray's origin from its surface, metres.
     pub fn offset(&self) -> f32 {
         1e-4 * (self.high - self.low).max_element()
     }
 
-    /// The box about the objects in which phantoms receive indirect light.
-    pub fn beside_objects(&self) -> [Vec3; 2] {
-        let low = self.objects[0].lerp(self.low, BESIDE);
-        let high = self.objects[1].lerp(self.high, BESIDE);
-        [low.with_z(self.low.z), high]
-    }
-
-    /// Weight of a point in that box: 1 about the objects, falling to 0 at the walls.
+    /// Weight of a point in the box about the objects: 1 about the objects, falling to 0 at the walls.
     pub fn window_beside_objects(&self, p: Vec3) -> f32 {
-        let [low, high] = self.beside_objects();
+        let [low, high] = self.beside_objects;
         let below = (p - low) / (self.objects[0] - low).max(Vec3::splat(1e-6));
         let above = (high - p) / (high - self.objects[1]).max(Vec3::splat(1e-6));
         let walls = [below.x, below.y, above.x, above.y, above.z];
@@ -113,7 +124,7 @@ impl Region {
         let to_wall = (p - self.low).min(self.high - p) / size;
         let walls = [to_wall.x, to_wall.y, (self.high.z - p.z) / size.z];
         walls
-            .map(|w| (w / 0.15).clamp(0.0, 1.0))
+            .map(|w| (w / WALLS).clamp(0.0, 1.0))
             .into_iter()
             .product()
     }

@@ -37,9 +37,10 @@ impl DistantLight<'_> {
         sides.map_or(Vec3::ZERO, |sides| sides[side as usize % 6])
     }
 
-    /// Radiance of the sky that arrives at `point` from `direction`, blurred by a lobe of about `width`.
-    pub fn sky_radiance(&self, point: Vec3, direction: Vec3, width: f32) -> Vec3 {
-        self.radiance.blurred(point, direction, width, 0.0)
+    /// Radiance of the sky that a surface (point, unit normal) mirrors from `direction`, blurred by a lobe of about
+    /// `width`, lamps by one of at least `least`.
+    pub fn sky_radiance(&self, at: (Vec3, Vec3), direction: Vec3, width: f32, least: f32) -> Vec3 {
+        self.radiance.mirrored(at, direction, width, least)
     }
 }
 

@@ -210,12 +210,12 @@ impl Surfels {
         }
     }
 
-    /// Radiance of a reflecting point towards the origin of its ray, seen in a lobe of at least `width`,
-    /// radians.
+    /// Radiance of a reflecting point towards the origin of its ray, which sees what it mirrors in lobes of at least
+    /// these widths, radians: everything, and lamps.
     pub fn radiance(
         &self,
         point: &ReflectingPoint,
-        width: f32,
+        (width, lamps): (f32, f32),
         ground: &GroundShares,
         tiles: &TileShares,
         light: &DistantLight<'_>,
@@ -227,7 +227,11 @@ impl Surfels {
         let surface = &self.all[i].surface;
         let reflected = match source {
             Source::Sky => {
-                light.sky_radiance(self.all[i].position, direction, surface.gloss.max(width))
+                let Surfel {
+                    position, normal, ..
+                } = self.all[i];
+                let n = normal * normal.dot(direction).signum();
+                light.sky_radiance((position, n), direction, surface.gloss.max(width), lamps)
             }
             Source::Ground(texel) => light.ground_now(texel, ground),
             Source::Surfel(other) => self.total[other as usize],

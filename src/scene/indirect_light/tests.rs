@@ -4,9 +4,12 @@ use crate::mesh::Material;
 use crate::primitives;
 use glam::DMat4;
 use penumbra_interface::MonotonicTime;
+use penumbra_lighting::compact_source_specular::excesses;
 use penumbra_lighting::cube::CubeGrid;
-use penumbra_lighting::prefilter::Prefilter;
-use penumbra_lighting::{CubeMap, Harmonics, Lighting};
+use penumbra_lighting::lobes::widths;
+use penumbra_lighting::place::Seen;
+use penumbra_lighting::prefilter::{Prefilter, level_count};
+use penumbra_lighting::{CubeMap, Harmonics, LightPlace, Lighting};
 use std::sync::Arc;
 
 fn solver(size: f32) -> IndirectLightSolver {
@@ -236,7 +239,7 @@ fn ground_passes_the_light_of_a_lamp_on() {
         irradiance: Vec3::splat(open),
         angular_radius: 0.1,
         kind: penumbra_lighting::LightKind::Cell,
-        place: penumbra_lighting::LightPlace::default(),
+        place: LightPlace::default(),
     }];
     let dark = [[Vec3::ZERO; 6]];
     solver.update(&lighting, real(&dark), &[lamp]);
@@ -266,7 +269,7 @@ fn plate() -> Part {
 }
 
 /// The light of one compact source.
-fn sunlight(direction: Vec3, place: penumbra_lighting::LightPlace) -> Lighting {
+fn sunlight(direction: Vec3, place: LightPlace) -> Lighting {
     let mut lighting = lighting(1);
     lighting.ground_radiance = Vec3::splat(0.2);
     lighting.lights = vec![penumbra_lighting::DomeLight {
@@ -305,7 +308,7 @@ fn ground_share(light: &IndirectLight, place: glam::Vec2) -> f32 {
 
 #[test]
 fn shadows_of_compact_sources_lie_where_they_belong() {
-    let far = penumbra_lighting::LightPlace::FAR;
+    let far = LightPlace::FAR;
     let scene = Scene {
         virtual_parts: vec![plate()],
         ground_height: Some(0.0),
@@ -323,7 +326,7 @@ fn shadows_of_compact_sources_lie_where_they_belong() {
         assert!(share(0.14) > 0.99 && share(-0.14) > 0.99, "{direction}");
     }
     // A lamp at twice the height makes a shadow of twice the size.
-    let near = penumbra_lighting::LightPlace {
+    let near = LightPlace {
         reference: Vec3::ZERO,
         inverse_distance: 1.0,
     };
@@ -337,7 +340,7 @@ fn shadows_of_compact_sources_lie_where_they_belong() {
 fn ground_that_virtual_objects_light_is_brighter_by_that() {
     // A glowing wall that ends 0.1 from the middle, under a sun of irradiance 3 that no shadow of it reaches.
     let mut solver = box_on_the_ground(0.0, 1.0);
-    let sun = sunlight(Vec3::Z, penumbra_lighting::LightPlace::FAR);
+    let sun = sunlight(Vec3::Z, LightPlace::FAR);
     solver.update(&sun, real(&[]), &[]);
     let light = solver.light();
     let share = share_beside(light, 0.02);
@@ -363,7 +366,7 @@ fn wall_lacks_the_light_of_ground_in_a_virtual_shadow_as_bright_as_that_is() {
         ..Scene::default()
     };
     let mut solver = IndirectLightSolver::new(&scene, &casters(&scene)).unwrap();
-    let sun = sunlight(Vec3::Z, penumbra_lighting::LightPlace::FAR);
+    let sun = sunlight(Vec3::Z, LightPlace::FAR);
     // The shadow falls onto a white square on grey ground.
     let side = 32;
     let edge = 1.6;
@@ -412,18 +415,18 @@ fn wall_lacks_the_light_of_ground_in_a_virtual_shadow_as_bright_as_that_is() {
 #[test]
 fn ground_lacks_the_light_of_the_shadowed_half_of_a_wall() {
     // A sun low over −X shines on a real wall; a black board hides the half at y > 0 from it.
-    let wall = primitives::cuboid(Vec3::new(0.02, 0.6, 0.4));
+    let wall = primitives::cuboid(Vec3::new(0.1, 0.6, 0.4));
     let board = primitives::cuboid(Vec3::new(0.002, 0.3, 0.6));
     let at = |x: f64, y: f64| DMat4::from_translation(glam::DVec3::new(x, y, 0.0));
     let scene = Scene {
         virtual_parts: vec![part_of(board, 0.0, 0.0, at(0.0, 0.15))],
-        phantom_parts: vec![part_of(wall, 0.5, 0.0, at(0.3, 0.0))],
+        phantom_parts: vec![part_of(wall, 0.5, 0.0, at(0.34, 0.0))],
         ground_height: Some(0.0),
         ..Scene::default()
     };
     let mut solver = IndirectLightSolver::new(&scene, &casters(&scene)).unwrap();
     let direction = Vec3::new(-1.0, 0.0, 0.1);
-    let mut sun = sunlight(direction, penumbra_lighting::LightPlace::FAR);
+    let mut sun = sunlight(direction, LightPlace::FAR);
     sun.ground_radiance = Vec3::ZERO;
     let mut radiance = [Vec3::ZERO; 6];
     radiance[side_of(Vec3::NEG_X) as usize] = Vec3::ONE;
@@ -438,6 +441,30 @@ fn ground_lacks_the_light_of_the_shadowed_half_of_a_wall() {
         let expected = from_half_of_wall(p);
         assert!((lost - expected).abs() < 0.08, "{y}: {lost} {expected}");
     }
+}
+
+#[test]
+fn light_of_a_wall_reaches_the_end_of_a_long_shadow() {
+    let post = primitives::cuboid(Vec3::new(0.05, 0.05, 0.2));
+    let wall = primitives::cuboid(Vec3::new(0.02, 0.6, 0.4));
+    let at = |x: f64, y: f64| DMat4::from_translation(glam::DVec3::new(x, y, 0.0));
+    let scene = Scene {
+        virtual_parts: vec![part_of(post, 0.0, 0.0, at(0.0, 0.0))],
+        phantom_parts: vec![part_of(wall, 0.5, 0.0, at(0.52, 0.15))],
+        ground_height: Some(0.0),
+        ..Scene::default()
+    };
+    let mut solver = IndirectLightSolver::new(&scene, &casters(&scene)).unwrap();
+    let mut radiance = [Vec3::ZERO; 6];
+    radiance[side_of(Vec3::NEG_X) as usize] = Vec3::ONE;
+    solver.update(&lighting(1), real(&[radiance]), &[]);
+    let light = solver.light();
+    let p = Vec3::new(0.42, 0.15, 0.0);
+    let at = (p - light.low).truncate() / (light.high - light.low).truncate();
+    let found = light.on_ground.value(&light.real.ground, at);
+    let found = found.expect("a grid").x;
+    let half = from_half_of_wall(Vec3::new(0.2, 0.0, 0.0));
+    assert!((found / (2.0 * half) - 1.0).abs() < 0.15, "{found} {half}");
 }
 
 /// Irradiance at a point of the ground by the half at y > 0 of a wall at x = 0.29 with radiance 1.
@@ -545,6 +572,66 @@ fn lamp_in_a_golden_ball_makes_no_spots() {
     assert!(worst < 0.2, "{worst}");
 }
 
+#[test]
+fn sun_in_a_golden_ball_makes_no_spots_on_the_ground_and_no_light_in_its_shade() {
+    let gold = Material {
+        metallic: 1.0,
+        roughness: 0.22,
+        ..Material::default()
+    };
+    let place = DMat4::from_translation(glam::DVec3::new(0.0, 0.0, 0.1));
+    let ball = Part {
+        material: Arc::new(gold),
+        ..part_of(primitives::sphere(0.1, 96, 48), 0.0, 0.0, place)
+    };
+    let scene = Scene {
+        virtual_parts: vec![ball],
+        ground_height: Some(0.0),
+        ..Scene::default()
+    };
+    let grid = CubeGrid::new(64);
+    let sun = Seen {
+        direction: Vec3::new(1.0, 0.0, 0.5).normalize(),
+        irradiance: Vec3::ONE,
+        angular_radius: 0.03,
+    };
+    let is_sun = |d: &Vec3| d.distance(sun.direction) < sun.angular_radius;
+    let full = grid.directions.iter();
+    let full = full.map(|d| Vec3::splat(if is_sun(d) { 2000.0 } else { 0.0 }));
+    let full: Vec<Vec3> = full.collect();
+    let dark = vec![Vec3::ZERO; full.len()];
+    let widths: Vec<f32> = widths(64, level_count(64)).collect();
+    let sun = excesses(&grid, &full, &dark, &[(sun, LightPlace::FAR)], &widths);
+    let radiance = Prefilter::new(64).apply_without(&full, &sun);
+    let light = Lighting {
+        radiance: Arc::new(radiance),
+        ..lighting(1)
+    };
+    let mut solver = IndirectLightSolver::new(&scene, &casters(&scene)).unwrap();
+    solver.update(&light, real(&[]), &[]);
+    let light = solver.light();
+    let size = (light.high - light.low).truncate();
+    let on_ground = |x: i32, y: i32| {
+        let p = glam::Vec2::new(x as f32, y as f32) * 0.01;
+        let at = (p - light.low.truncate()) / size;
+        light.on_ground.value(&light.change.ground, at).unwrap().x
+    };
+    let before = || (10..=20).flat_map(|x| (-12..=12).map(move |y| (x, y)));
+    let brightest = before().map(|(x, y)| on_ground(x, y)).fold(0.0, f32::max);
+    assert!(brightest > 0.1, "{brightest}");
+    let spots = before().map(|(x, y)| {
+        let (i, j) = (x - 1, x + 1);
+        let around = on_ground(i, y) + on_ground(j, y) + on_ground(x, y - 1) + on_ground(x, y + 1);
+        (on_ground(x, y) - 0.25 * around) / brightest
+    });
+    let worst = spots.fold(0.0, f32::max);
+    assert!(worst < 0.05, "{worst}");
+    for x in -16..=-12 {
+        let behind = on_ground(x, 0) / brightest;
+        assert!(behind < 0.02, "{x}: {behind}");
+    }
+}
+
 /// Light of radiance 1 from everywhere above, over ground that reflects all of it.
 fn furnace(generation: u64) -> Lighting {
     let count = 4096;
@@ -557,7 +644,7 @@ fn furnace(generation: u64) -> Lighting {
             irradiance: Vec3::splat(2.0 * std::f32::consts::PI / count as f32),
             angular_radius: 0.02,
             kind: penumbra_lighting::LightKind::Cell,
-            place: penumbra_lighting::LightPlace::FAR,
+            place: LightPlace::FAR,
         }
     };
     Lighting {

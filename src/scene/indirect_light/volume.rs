@@ -12,7 +12,7 @@ use glam::{UVec3, Vec3};
 /// no longer: what it sees is not what surfaces beside it see.
 const BESIDE: f32 = 0.5;
 
-/// A regular grid of probes.
+/// A grid of probes, which is finer about the objects along x and y, as that of the ground is.
 pub(super) struct Volume {
     probes: Vec<Probe>,
 }
@@ -28,13 +28,13 @@ struct Probe {
 impl Volume {
     pub fn new(obstacles: &Obstacles, directions: &Directions, region: &Region) -> Self {
         let [nx, ny, nz] = VOLUME_SIZE;
-        let size = region.high - region.low;
         let counts = Vec3::new(nx as f32, ny as f32, nz as f32);
-        let beside = BESIDE * (size / counts).min_element();
+        let place = |cell: UVec3| region.in_air((cell.as_vec3() + 0.5) / counts);
+        let middle = UVec3::new(nx, ny, nz) / 2;
+        let beside = BESIDE * (place(middle) - place(middle - 1)).min_element();
         let probes = (0..nx * ny * nz)
             .map(|i| {
-                let cell = UVec3::new(i % nx, i / nx % ny, i / (nx * ny)).as_vec3();
-                let point = region.low + size * (cell + 0.5) / counts;
+                let point = place(UVec3::new(i % nx, i / nx % ny, i / (nx * ny)));
                 probe(point, obstacles, directions, region, beside)
             })
             .collect();

@@ -241,12 +241,20 @@ fn sky_irradiance(n: vec3f) -> vec3f {
 
 // Share of the ground's grid on either side of the part about the objects.
 const GROUND_AROUND = 1.0 / 6.0;
+const GROUND_NEAREST = 0.5;
+
+fn texels_to(way: vec2f) -> vec2f {
+    let root = sqrt(GROUND_NEAREST * GROUND_NEAREST + 4.0 * (1.0 - GROUND_NEAREST) * way);
+    return (root - GROUND_NEAREST) / (2.0 * (1.0 - GROUND_NEAREST));
+}
 
 // The place in the ground's grid at a share of the region's size. Twin of `GroundMap`.
 fn ground_uv(at: vec2f) -> vec2f {
     let low = frame.indirect_objects.xy;
     let high = frame.indirect_objects.zw;
-    let around = min(at, low) / low + max(at - high, vec2f(0.0)) / (1.0 - high);
+    let before = texels_to(max(low - at, vec2f(0.0)) / low);
+    let behind = texels_to(max(at - high, vec2f(0.0)) / (1.0 - high));
+    let around = 1.0 - before + behind;
     let inside = clamp((at - low) / (high - low), vec2f(0.0), vec2f(1.0));
     return GROUND_AROUND * around + (1.0 - 2.0 * GROUND_AROUND) * inside;
 }

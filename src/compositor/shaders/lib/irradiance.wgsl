@@ -94,7 +94,8 @@ fn from_phantoms(world: vec3f, n: vec3f) -> vec3f {
     let w = n * n;
     // Sample half a probe off the surface: probes behind it are inside objects or on their far
     // side.
-    let off = at.xyz + 0.5 * n / (vec3f(textureDimensions(indirect_volume)) * vec3f(1.0 / 6.0, 1.0, 1.0));
+    let in_grid = vec3f(ground_uv(at.xy), at.z);
+    let off = in_grid + 0.5 * n / (vec3f(textureDimensions(indirect_volume)) * vec3f(1.0 / 6.0, 1.0, 1.0));
     return w.x * from_phantoms_facing(face.x, off) + w.y * from_phantoms_facing(face.y, off)
         + w.z * from_phantoms_facing(face.z, off);
 }

@@ -1,5 +1,6 @@
 //! Lamps that the environment camera does not see.
 
+use super::super::unseen::RADII;
 use super::*;
 
 const SEEN: (DVec3, f32) = (DVec3::new(-0.2, 0.4, 0.8), 0.5);
@@ -29,10 +30,20 @@ fn with_search<T>(
     known: &[(DVec3, f64)],
     then: impl Fn(&mut DistanceSearch<'_>) -> T,
 ) -> T {
-    let (seen, mut lamps) = (table.seen(), table.sources());
+    with_search_of(table, &table.seen(), known, then)
+}
+
+/// The same with what a camera sees of the table.
+fn with_search_of<T>(
+    table: &Table,
+    seen: &SeenSurfaces,
+    known: &[(DVec3, f64)],
+    then: impl Fn(&mut DistanceSearch<'_>) -> T,
+) -> T {
+    let mut lamps = table.sources();
     lamps.truncate(1);
     let blocked = |o: DVec3, to: DVec3, farthest: f64| blocked(known, o, to, farthest);
-    let mut search = DistanceSearch::new(&seen, &lamps, (&sky(), None), OBSERVER, &blocked);
+    let mut search = DistanceSearch::new(seen, &lamps, (&sky(), None), OBSERVER, &blocked);
     search.find_together(&[0]);
     then(&mut search)
 }
@@ -55,6 +66,18 @@ fn lamp_that_is_not_seen_is_found_by_its_shadows() {
         assert!((light - 1.0).abs() < 0.1, "{texture}: {light}");
         assert!(found.distance.sigma > 0.0, "{found:?}");
     }
+}
+
+#[test]
+fn sharp_shadows_of_a_low_sun_tell_its_direction_and_that_it_is_small() {
+    let sun = DVec3::new(0.6, -0.5, 0.35).normalize() * 1000.0;
+    let table = table(&[SEEN, (sun, 0.6e6)], 0.05);
+    let search = |search: &mut DistanceSearch<'_>| search.find_unseen(&hiding, (0, 1));
+    let found = with_search_of(&table, &table.seen_in_pixels(), &BALLS, search);
+    let found = found.expect("its shadows are seen");
+    let off = found.direction.angle_between(sun.as_vec3()).to_degrees();
+    assert!(off < 0.35, "{off}° {found:?}");
+    assert_eq!(found.angular_radius, RADII[0], "{found:?}");
 }
 
 #[test]
