@@ -1,7 +1,7 @@
 //! Glossy surfaces: against the CPU's look-ups, closed forms, and tilted planes.
 
 use crate::comparison::virtual_inside;
-use crate::stage::{Stage, cell, even_sky, flat, lighting, looking_from, painted};
+use crate::stage::{Stage, camera, cell, even_sky, flat, lighting, looking_from, painted};
 use glam::{DMat4, DQuat, DVec2, DVec3, Vec3};
 use penumbra_camera::Response;
 use penumbra_lighting::box_chain::{box_chain, box_level};
@@ -92,15 +92,32 @@ fn seen(stage: &Stage) -> Vec<((u32, u32), Vec3, Vec3)> {
     all.collect()
 }
 
-/// Differences of codes from `expected`, where n·v is above 0.1: the value that one in two hundred
-/// exceeds (edges of the window may be a pixel off), and the mean.
+/// Normals and directions to the eye at nine places within a pixel that shows the sphere about the origin.
+fn within_pixel(stage: &Stage, (x, y): (u32, u32)) -> Vec<(Vec3, Vec3)> {
+    let pose = stage.pose.unwrap();
+    let places = (0..9).map(|k| DVec2::new(f64::from(k % 3 - 1), f64::from(k / 3 - 1)) / 3.0);
+    let seen = places.filter_map(|off| {
+        let pixel = DVec2::new(f64::from(x), f64::from(y)) + off;
+        let ray = (pose.rotation * stage.camera.unproject(pixel)).normalize();
+        let along = -pose.translation.dot(ray);
+        let depth = 0.01 - (pose.translation + ray * along).length_squared();
+        let hit = pose.translation + ray * (along - depth.max(0.0).sqrt());
+        (depth > 0.0).then(|| (hit.normalize().as_vec3(), -ray.as_vec3()))
+    });
+    seen.collect()
+}
+
+/// Differences of codes from the mean of `expected` over a pixel, where n·v is above 0.1: the value that one in two
+/// hundred exceeds, and the mean. Narrow lobes see the edge of the window at four places within a pixel, in steps of a
+/// quarter.
 fn differences(stage: &Stage, ours: &Picture, expected: impl Fn(Vec3, Vec3) -> Vec3) -> (u8, f64) {
     let mut all = Vec::new();
-    for ((x, y), n, v) in seen(stage).into_iter().filter(|(_, n, v)| n.dot(*v) > 0.1) {
-        let codes = expected(n, v)
-            .to_array()
-            .map(|l| stage.response.code_from_linear(l));
-        let pairs = ours.rgb(x, y).into_iter().zip(codes);
+    for (pixel, ..) in seen(stage).into_iter().filter(|(_, n, v)| n.dot(*v) > 0.1) {
+        let within = within_pixel(stage, pixel);
+        let sum: Vec3 = within.iter().map(|(n, v)| expected(*n, *v)).sum();
+        let mean = sum / within.len() as f32;
+        let codes = mean.to_array().map(|l| stage.response.code_from_linear(l));
+        let pairs = ours.rgb(pixel.0, pixel.1).into_iter().zip(codes);
         all.extend(pairs.map(|(a, b)| a.abs_diff(b)));
     }
     assert!(all.len() > 2000, "{}", all.len());
@@ -131,12 +148,16 @@ fn gpu_lobes_match_the_cpu() {
         let expected = looked_up(&map, &material);
         let (worst, mean) = differences(&stage, &stage.compose(), expected);
         let (family, p) = lobe(&material);
-        assert!(worst <= 5 && mean < 0.9, "{family:?} {p}: {worst} {mean}");
+        let most = if p < 0.2 { 12 } else { 5 };
+        assert!(
+            worst <= most && mean < 0.9,
+            "{family:?} {p}: {worst} {mean}"
+        );
     }
 }
 
 #[test]
-fn pixels_with_several_samples_show_what_their_centres_reflect() {
+fn pixels_with_several_samples_show_what_they_reflect() {
     let map = Prefilter::new(64).apply(&sky(64));
     let material = metal(0.1);
     // Its triangles are smaller than pixels, so that many pixels show several.
@@ -145,7 +166,41 @@ fn pixels_with_several_samples_show_what_their_centres_reflect() {
     let picture = stage.compose();
     stage.settings.samples = 1;
     let (worst, mean) = differences(&stage, &picture, looked_up(&map, &material));
-    assert!(worst <= 5 && mean < 0.4, "{worst} {mean}");
+    assert!(worst <= 12 && mean < 0.4, "{worst} {mean}");
+}
+
+#[test]
+fn small_ball_shows_what_all_of_a_pixel_mirrors() {
+    let stripes = |d: &Vec3| {
+        Vec3::splat(if (4.0 * (d.x + d.z)).sin() > 0.0 {
+            0.9
+        } else {
+            0.1
+        })
+    };
+    let map: Vec<Vec3> = CubeGrid::new(64).directions.iter().map(stripes).collect();
+    let map = Prefilter::new(64).apply(&map);
+    let enlarged = |by: u32| {
+        let ball = painted(primitives::sphere(0.03, 96, 48), DVec3::ZERO, metal(0.2));
+        let mut stage = Stage::new(96 * by, 72 * by)
+            .without_ground()
+            .with_virtual(ball)
+            .lit(mirrored_only(map.clone()));
+        let centre = camera(96, 72).centre;
+        stage.camera.centre = (centre + 0.5) * f64::from(by) - 0.5;
+        stage.settings.samples = 4;
+        stage
+    };
+    let (stage, fine) = (enlarged(1), enlarged(8).compose());
+    let picture = stage.compose();
+    let all = seen(&stage).into_iter().map(|((x, y), ..)| {
+        let within = (0..64).map(|k| linear(&fine, 8 * x + k % 8, 8 * y + k / 8).y);
+        let mean = within.sum::<f32>() / 64.0;
+        (linear(&picture, x, y).y - mean).powi(2)
+    });
+    let all: Vec<f32> = all.collect();
+    let error = (all.iter().sum::<f32>() / all.len() as f32).sqrt();
+    assert!(all.len() > 50 && error < 0.015, "{} {error}", all.len());
 }
 
 #[test]
@@ -177,7 +232,7 @@ fn shows_the_ground_alone(environment: &dyn Fn(Vec3) -> f32) {
     for ((x, y), n, v) in seen(&stage) {
         let mirrored = n * (2.0 * n.dot(v)) - v;
         // What lies before the camera is beside its picture.
-        if mirrored.z > -0.8 || mirrored.y < -0.5 || n.dot(v) < 0.3 {
+        if mirrored.z > -0.8 || mirrored.y < -0.4 || n.dot(v) < 0.3 {
             continue;
         }
         let r = family.response(n.dot(v), p);
@@ -234,7 +289,11 @@ fn sources_left_out_of_levels_are_reflected_by_the_brdf() {
             let [scaled, added] = reflected(&map.compact_sources, (family, p, level), n, v);
             light * (SPECULAR * r.scale + r.bias) + scaled * SPECULAR + added
         });
-        assert!(worst <= 5 && mean < 0.9, "{family:?} {p}: {worst} {mean}");
+        let most = if p < 0.2 { 12 } else { 5 };
+        assert!(
+            worst <= most && mean < 0.9,
+            "{family:?} {p}: {worst} {mean}"
+        );
     }
 }
 

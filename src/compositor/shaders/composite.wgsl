@@ -293,6 +293,69 @@ fn bounce(world: vec3f, n: vec3f) -> vec3f {
     return share * (PI / 3.0 * near - sky_irradiance(vec3f(0.0, 0.0, -1.0)));
 }
 
+// Widest lobe that is looked up several times where the normal turns within a pixel, and the least turn from one pixel
+// to the next, as a share of its width.
+const WIDEST_TURNED = 0.3;
+const TURNED = 0.7;
+// Least cosine between the normals of neighbouring pixels of one surface, and largest difference of their distances, as
+// a share.
+const TURNED_LESS = 0.3;
+const BESIDE_EACH_OTHER = 0.02;
+const TOWARDS_OUTLINE = 1.5;
+
+// Difference of the normal at a neighbouring pixel to `n`, and whether that pixel shows the same surface.
+fn turn_to(pixel: vec2i, n: vec3f, depth: f32) -> vec4f {
+    let shape = textureLoad(virtual_shape, pixel, 0);
+    let there = normal_from_octahedron(octahedron(shape));
+    let apart = abs(textureLoad(virtual_depth, pixel, 0) - depth);
+    let same = is_surface(shape) & (dot(there, n) > TURNED_LESS) & (apart < BESIDE_EACH_OTHER * depth);
+    return select(vec4f(0.0), vec4f(there - n, 1.0), same);
+}
+
+// Change of the normal from one pixel to the next along a direction.
+fn turn_along(pixel: vec2i, step: vec2i, n: vec3f, depth: f32) -> vec3f {
+    let ahead = turn_to(pixel + step, n, depth);
+    let behind = turn_to(pixel - step, n, depth);
+    // Across a crease, the normal does not turn; towards an outline, it turns faster and faster.
+    let both = ahead.w * behind.w > 0.0;
+    let gentler = select(-behind.xyz, ahead.xyz, dot(ahead.xyz, ahead.xyz) < dot(behind.xyz, behind.xyz));
+    return select((ahead.xyz - behind.xyz) * TOWARDS_OUTLINE, gentler, both);
+}
+
+// What a surface reflects, of what it mirrors and of compact sources.
+struct Specular {
+    mirrored: vec3f,
+    sources: vec3f,
+}
+
+fn specular_about(world: vec3f, n: vec3f, v: vec3f, gloss: Gloss) -> Specular {
+    let at = vec2f(clamp(dot(n, v), 0.02, 1.0), gloss_row(gloss));
+    let table = textureSampleLevel(gloss_table, smooth_sampler, at, 0.0);
+    let d = tilted(reflect(-v, n), n, table.z);
+    let far = far_lobe(n, v, d, table.w, gloss);
+    return Specular(reflected(world, d, far, gloss), compact_source_specular(world, n, v, gloss, far.level));
+}
+
+// The mean over a pixel in which the normal `n` turns by `x` and `y`.
+fn specular_within(world: vec3f, n: vec3f, x: vec3f, y: vec3f, v: vec3f, gloss: Gloss) -> Specular {
+    var sum = Specular(vec3f(0.0), vec3f(0.0));
+    var weight = 1e-6;
+    var k = 0;
+    loop {
+        let off = vec2f(f32(k & 1), f32(k >> 1u)) * 0.5 - 0.25;
+        let there = normalize(n + x * off.x + y * off.y);
+        let each = specular_about(world, there, v, gloss);
+        let w = select(1e-6, 1.0, dot(there, v) > 0.0);
+        sum = Specular(sum.mirrored + w * each.mirrored, sum.sources + w * each.sources);
+        weight += w;
+        k++;
+        continuing {
+            break if k == 4;
+        }
+    }
+    return Specular(sum.mirrored / weight, sum.sources / weight);
+}
+
 // `at` is the place in the picture from which it is seen: within a surface the centre of the pixel, whose normal it has.
 fn shade(pixel: vec2i, s: i32, own: bool, at: vec2f) -> vec3f {
     let shape = textureLoad(virtual_shape, pixel, s);
@@ -318,8 +381,15 @@ fn shade(pixel: vec2i, s: i32, own: bool, at: vec2f) -> vec3f {
     let irradiance = max(direct, vec3f(0.0)) * occlusion_of(shape, properties);
     let table = textureSampleLevel(gloss_table, smooth_sampler, vec2f(n_dot_v, gloss_row(gloss)), 0.0);
     let d = tilted(reflect(-v, n), n, table.z);
-    let far = far_lobe(n, v, d, table.w, gloss);
-    var mirrored = reflected(world, d, far, gloss);
+    var about = specular_about(world, n, v, gloss);
+    if gloss.width < WIDEST_TURNED {
+        let x = turn_along(pixel, vec2i(1, 0), n, depth);
+        let y = turn_along(pixel, vec2i(0, 1), n, depth);
+        if max(dot(x, x), dot(y, y)) > TURNED * TURNED * gloss.width * gloss.width {
+            about = specular_within(world, n, x, y, v, gloss);
+        }
+    }
+    var mirrored = about.mirrored;
     var open = 1.0;
     if NEARBY {
         let near = nearby_at(at, frame.eye.w / depth);
@@ -329,7 +399,7 @@ fn shade(pixel: vec2i, s: i32, own: bool, at: vec2f) -> vec3f {
     let scale = gloss.f0 * table.x + vec3f(gloss.f90 * table.y);
     let specular = scale * mirrored;
     let diffuse = base * diffuse_share(shape, properties) * irradiance / PI;
-    let sources = open * compact_source_specular(world, n, v, gloss, far.level);
+    let sources = open * about.sources;
     let lamps = lamp_highlights(lamps_at(virtual_lamps, pixel), world, n, v, gloss, round_lobe(gloss, scale, d));
     return diffuse + specular + sources + lamps + emissive_of(material);
 }
