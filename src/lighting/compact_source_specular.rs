@@ -239,8 +239,8 @@ impl<'a> CompleteMap<'a> {
         self.mirrored((point, Vec3::ZERO), direction, width, least)
     }
 
-    /// Returns the same as a surface at `point` with unit normal `n` mirrors it: nothing that the map's level leaves
-    /// out behind it.
+    /// Returns the same as a surface at `point` with unit normal `n` mirrors it: without sources behind it, where the
+    /// map's level leaves them out. With a normal of zero, no source is behind it.
     #[must_use]
     pub fn mirrored(
         &self,
@@ -328,8 +328,7 @@ mod tests {
         );
         let radiance = |d: &Vec3| {
             let within = |seen: Seen| d.dot(seen.direction) > seen.angular_radius.cos();
-            0.1 + 20.0 * f32::from(u8::from(within(window)))
-                + 50.0 * f32::from(u8::from(within(lamp)))
+            0.1 + 20.0 * f32::from(within(window)) + 50.0 * f32::from(within(lamp))
         };
         let full: Vec<Vec3> = grid
             .directions

@@ -196,9 +196,9 @@ impl<'a> DistanceSearch<'a> {
         };
         let is_seen = |origin, to| !(self.blocked)(origin, to, farthest);
         if lamp.source.angular_radius < WIDE {
-            let mut form = points.iter().map(|p| by_parts(p, &is_seen)).collect();
+            let form = points.iter().map(|p| by_parts(p, &is_seen)).collect();
             if self.smooths && lamp.parts.len() == 1 {
-                self.smooth_edges(&mut form, |p| by_parts(&Some(p), &is_seen));
+                return self.with_smooth_edges(form, |p| by_parts(&Some(p), &is_seen));
             }
             return form;
         }
@@ -222,8 +222,8 @@ impl<'a> DistanceSearch<'a> {
         form
     }
 
-    /// Replaces the light at the sharp edges of shadows by its mean over what a point of the grid stands for.
-    fn smooth_edges(&self, form: &mut Vec<f32>, light: impl Fn(SurfacePoint) -> f32) {
+    /// The same light, at the sharp edges of shadows its mean over what a point of the grid stands for.
+    fn with_smooth_edges(&self, form: Vec<f32>, light: impl Fn(SurfacePoint) -> f32) -> Vec<f32> {
         let points = &self.surfaces.points;
         let smooth = |(i, here): (usize, &f32)| {
             let Some(p) = points[i] else { return *here };
@@ -252,7 +252,7 @@ impl<'a> DistanceSearch<'a> {
                 .sum();
             sum / WITHIN.len() as f32
         };
-        *form = form.iter().enumerate().map(smooth).collect();
+        form.iter().enumerate().map(smooth).collect()
     }
 
     /// The same at one point, with those parts of the lamp that it sees, in directions from an origin.

@@ -92,10 +92,10 @@ fn seen(stage: &Stage) -> Vec<((u32, u32), Vec3, Vec3)> {
     all.collect()
 }
 
-/// Normals and directions to the eye at nine places within a pixel that shows the sphere about the origin.
+/// Normals and directions to the eye at four places within a pixel that shows the sphere about the origin.
 fn within_pixel(stage: &Stage, (x, y): (u32, u32)) -> Vec<(Vec3, Vec3)> {
     let pose = stage.pose.unwrap();
-    let places = (0..9).map(|k| DVec2::new(f64::from(k % 3 - 1), f64::from(k / 3 - 1)) / 3.0);
+    let places = (0..4).map(|k| DVec2::new(f64::from(k % 2), f64::from(k / 2)) * 0.5 - 0.25);
     let seen = places.filter_map(|off| {
         let pixel = DVec2::new(f64::from(x), f64::from(y)) + off;
         let ray = (pose.rotation * stage.camera.unproject(pixel)).normalize();
@@ -108,8 +108,7 @@ fn within_pixel(stage: &Stage, (x, y): (u32, u32)) -> Vec<(Vec3, Vec3)> {
 }
 
 /// Differences of codes from the mean of `expected` over a pixel, where n·v is above 0.1: the value that one in two
-/// hundred exceeds, and the mean. Narrow lobes see the edge of the window at four places within a pixel, in steps of a
-/// quarter.
+/// hundred exceeds (edges of the window may be a pixel off), and the mean.
 fn differences(stage: &Stage, ours: &Picture, expected: impl Fn(Vec3, Vec3) -> Vec3) -> (u8, f64) {
     let mut all = Vec::new();
     for (pixel, ..) in seen(stage).into_iter().filter(|(_, n, v)| n.dot(*v) > 0.1) {
@@ -166,7 +165,7 @@ fn pixels_with_several_samples_show_what_they_reflect() {
     let picture = stage.compose();
     stage.settings.samples = 1;
     let (worst, mean) = differences(&stage, &picture, looked_up(&map, &material));
-    assert!(worst <= 12 && mean < 0.4, "{worst} {mean}");
+    assert!(worst <= 6 && mean < 0.4, "{worst} {mean}");
 }
 
 #[test]

@@ -301,6 +301,7 @@ const TURNED = 0.7;
 // a share.
 const TURNED_LESS = 0.3;
 const BESIDE_EACH_OTHER = 0.02;
+// How much faster the normal turns towards an outline than between the pixel and the one within.
 const TOWARDS_OUTLINE = 1.5;
 
 // Difference of the normal at a neighbouring pixel to `n`, and whether that pixel shows the same surface.
@@ -328,9 +329,13 @@ struct Specular {
     sources: vec3f,
 }
 
-fn specular_about(world: vec3f, n: vec3f, v: vec3f, gloss: Gloss) -> Specular {
+// A material's row of the gloss table where it is seen from `v`.
+fn gloss_at(n: vec3f, v: vec3f, gloss: Gloss) -> vec4f {
     let at = vec2f(clamp(dot(n, v), 0.02, 1.0), gloss_row(gloss));
-    let table = textureSampleLevel(gloss_table, smooth_sampler, at, 0.0);
+    return textureSampleLevel(gloss_table, smooth_sampler, at, 0.0);
+}
+
+fn specular_about(world: vec3f, n: vec3f, v: vec3f, gloss: Gloss, table: vec4f) -> Specular {
     let d = tilted(reflect(-v, n), n, table.z);
     let far = far_lobe(n, v, d, table.w, gloss);
     return Specular(reflected(world, d, far, gloss), compact_source_specular(world, n, v, gloss, far.level));
@@ -344,7 +349,7 @@ fn specular_within(world: vec3f, n: vec3f, x: vec3f, y: vec3f, v: vec3f, gloss: 
     loop {
         let off = vec2f(f32(k & 1), f32(k >> 1u)) * 0.5 - 0.25;
         let there = normalize(n + x * off.x + y * off.y);
-        let each = specular_about(world, there, v, gloss);
+        let each = specular_about(world, there, v, gloss, gloss_at(there, v, gloss));
         let w = select(1e-6, 1.0, dot(there, v) > 0.0);
         sum = Specular(sum.mirrored + w * each.mirrored, sum.sources + w * each.sources);
         weight += w;
@@ -366,7 +371,6 @@ fn shade(pixel: vec2i, s: i32, own: bool, at: vec2f) -> vec3f {
     let depth = textureLoad(virtual_depth, pixel, s);
     let world = world_at(sample_position(pixel, s), depth);
     let v = -normalize(ray_through(at));
-    let n_dot_v = clamp(dot(n, v), 0.02, 1.0);
     let gloss = gloss_of(shape, properties, base);
 
     var direct = vec3f(0.0);
@@ -379,15 +383,19 @@ fn shade(pixel: vec2i, s: i32, own: bool, at: vec2f) -> vec3f {
         direct += bounce(world, n);
     }
     let irradiance = max(direct, vec3f(0.0)) * occlusion_of(shape, properties);
-    let table = textureSampleLevel(gloss_table, smooth_sampler, vec2f(n_dot_v, gloss_row(gloss)), 0.0);
+    let table = gloss_at(n, v, gloss);
     let d = tilted(reflect(-v, n), n, table.z);
-    var about = specular_about(world, n, v, gloss);
+    var x = vec3f(0.0);
+    var y = vec3f(0.0);
     if gloss.width < WIDEST_TURNED {
-        let x = turn_along(pixel, vec2i(1, 0), n, depth);
-        let y = turn_along(pixel, vec2i(0, 1), n, depth);
-        if max(dot(x, x), dot(y, y)) > TURNED * TURNED * gloss.width * gloss.width {
-            about = specular_within(world, n, x, y, v, gloss);
-        }
+        x = turn_along(pixel, vec2i(1, 0), n, depth);
+        y = turn_along(pixel, vec2i(0, 1), n, depth);
+    }
+    var about: Specular;
+    if max(dot(x, x), dot(y, y)) > TURNED * TURNED * gloss.width * gloss.width {
+        about = specular_within(world, n, x, y, v, gloss);
+    } else {
+        about = specular_about(world, n, v, gloss, table);
     }
     var mirrored = about.mirrored;
     var open = 1.0;

@@ -126,11 +126,9 @@ fn parallel_squares_exchange_their_form_factor() {
 /// Irradiance on the ground at a distance from the edge at x = 0.1: the mean over 2 cm, because a texel has
 /// few rays.
 fn on_ground_beside(light: &IndirectLight, distance: f32) -> f32 {
-    let size = (light.high - light.low).truncate();
-    let along = (0..20).map(|k| 0.001 * k as f32 - 0.01);
-    let at = along.map(|y| (glam::Vec2::new(0.1 + distance, y) - light.low.truncate()) / size);
-    let value = |at| light.on_ground.value(&light.change.ground, at);
-    at.map(|at| value(at).expect("a grid").x).sum::<f32>() / 20.0
+    let along = (0..20).map(|k| glam::Vec2::new(0.1 + distance, 0.001 * k as f32 - 0.01));
+    let each = along.map(|place| on_ground(light, &light.change.ground, place));
+    each.sum::<f32>() / 20.0
 }
 
 #[test]
@@ -301,9 +299,13 @@ fn share_beside(light: &IndirectLight, beside: f32) -> f32 {
 
 /// Share of its light that a place on the ground has.
 fn ground_share(light: &IndirectLight, place: glam::Vec2) -> f32 {
+    on_ground(light, &light.nearby.ground, place)
+}
+
+/// Value of one of the grids on the ground at a place.
+fn on_ground(light: &IndirectLight, grid: &[Vec3], place: glam::Vec2) -> f32 {
     let at = (place - light.low.truncate()) / (light.high - light.low).truncate();
-    let share = light.on_ground.value(&light.nearby.ground, at);
-    share.expect("a grid").x
+    light.on_ground.value(grid, at).expect("a grid").x
 }
 
 #[test]
@@ -432,12 +434,9 @@ fn ground_lacks_the_light_of_the_shadowed_half_of_a_wall() {
     radiance[side_of(Vec3::NEG_X) as usize] = Vec3::ONE;
     solver.update(&sun, real(&[radiance]), &[]);
     let light = solver.light();
-    let size = (light.high - light.low).truncate();
     for y in [-0.2, -0.1, 0.1, 0.2] {
         let p = Vec3::new(0.22, y, 0.0);
-        let at = (p - light.low).truncate() / size;
-        let found = light.on_ground.value(&light.change.ground, at);
-        let lost = -found.expect("a grid").x;
+        let lost = -on_ground(light, &light.change.ground, p.truncate());
         let expected = from_half_of_wall(p);
         assert!((lost - expected).abs() < 0.08, "{y}: {lost} {expected}");
     }
@@ -459,10 +458,7 @@ fn light_of_a_wall_reaches_the_end_of_a_long_shadow() {
     radiance[side_of(Vec3::NEG_X) as usize] = Vec3::ONE;
     solver.update(&lighting(1), real(&[radiance]), &[]);
     let light = solver.light();
-    let p = Vec3::new(0.42, 0.15, 0.0);
-    let at = (p - light.low).truncate() / (light.high - light.low).truncate();
-    let found = light.on_ground.value(&light.real.ground, at);
-    let found = found.expect("a grid").x;
+    let found = on_ground(light, &light.real.ground, glam::Vec2::new(0.42, 0.15));
     let half = from_half_of_wall(Vec3::new(0.2, 0.0, 0.0));
     assert!((found / (2.0 * half) - 1.0).abs() < 0.15, "{found} {half}");
 }
@@ -610,24 +606,22 @@ fn sun_in_a_golden_ball_makes_no_spots_on_the_ground_and_no_light_in_its_shade()
     let mut solver = IndirectLightSolver::new(&scene, &casters(&scene)).unwrap();
     solver.update(&light, real(&[]), &[]);
     let light = solver.light();
-    let size = (light.high - light.low).truncate();
-    let on_ground = |x: i32, y: i32| {
-        let p = glam::Vec2::new(x as f32, y as f32) * 0.01;
-        let at = (p - light.low.truncate()) / size;
-        light.on_ground.value(&light.change.ground, at).unwrap().x
+    let seen = |x: i32, y: i32| {
+        let place = glam::Vec2::new(x as f32, y as f32) * 0.01;
+        on_ground(light, &light.change.ground, place)
     };
     let before = || (10..=20).flat_map(|x| (-12..=12).map(move |y| (x, y)));
-    let brightest = before().map(|(x, y)| on_ground(x, y)).fold(0.0, f32::max);
+    let brightest = before().map(|(x, y)| seen(x, y)).fold(0.0, f32::max);
     assert!(brightest > 0.1, "{brightest}");
     let spots = before().map(|(x, y)| {
         let (i, j) = (x - 1, x + 1);
-        let around = on_ground(i, y) + on_ground(j, y) + on_ground(x, y - 1) + on_ground(x, y + 1);
-        (on_ground(x, y) - 0.25 * around) / brightest
+        let around = seen(i, y) + seen(j, y) + seen(x, y - 1) + seen(x, y + 1);
+        (seen(x, y) - 0.25 * around) / brightest
     });
     let worst = spots.fold(0.0, f32::max);
     assert!(worst < 0.05, "{worst}");
     for x in -16..=-12 {
-        let behind = on_ground(x, 0) / brightest;
+        let behind = seen(x, 0) / brightest;
         assert!(behind < 0.02, "{x}: {behind}");
     }
 }

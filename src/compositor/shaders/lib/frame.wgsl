@@ -241,8 +241,10 @@ fn sky_irradiance(n: vec3f) -> vec3f {
 
 // Share of the ground's grid on either side of the part about the objects.
 const GROUND_AROUND = 1.0 / 6.0;
+// Size of the first texel beside that part, of the mean of those on its side. Twin of `ground_map::NEAREST`.
 const GROUND_NEAREST = 0.5;
 
+// Twin of `ground_map::texels_to`.
 fn texels_to(way: vec2f) -> vec2f {
     let root = sqrt(GROUND_NEAREST * GROUND_NEAREST + 4.0 * (1.0 - GROUND_NEAREST) * way);
     return (root - GROUND_NEAREST) / (2.0 * (1.0 - GROUND_NEAREST));
