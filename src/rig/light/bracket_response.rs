@@ -57,7 +57,7 @@ impl ExposureAgreement {
 }
 
 const REPLACED: &str = "the environment camera's exposures contradict its tone curve, and light is \
-    computed with the curve that they tell; measure it with `penumbra calibrate photometric`, or correct \
+    computed with the curve that they tell; measure it with `penumbra calibrate radiometric`, or correct \
     `response` or the stated exposures";
 const UNEXPLAINED: &str = "the environment camera's exposures contradict each other whatever its tone \
     curve, and light is inaccurate; switch off automatic exposure, gain and contrast, or correct the \
