@@ -10,8 +10,8 @@ use penumbra_config::{Config, Quality, ReplaySpeed};
 use penumbra_fiducials::Family;
 use penumbra_lighting::Circle;
 use penumbra_photo::{
-    ASSUMED_FIELD_OF_VIEW_DEGREES, ASSUMED_REFLECTANCE, Analysis, GroundFrom, PhotoOptions,
-    Photograph, PrintedTag, ShadowCheck,
+    ASSUMED_FIELD_OF_VIEW_DEGREES, ASSUMED_REFLECTANCE, Analysis, ExposuresFrom, GroundFrom,
+    PhotoOptions, Photograph, PrintedTag, ShadowCheck,
 };
 use penumbra_picture::Picture;
 use penumbra_rig::{RunOptions, Runner, Source, live_settings};
@@ -25,6 +25,8 @@ use std::sync::atomic::AtomicBool;
 
 /// What is shown without `--scene`: a golden ring, a cone and a small ball.
 const SCENE: &str = include_str!("../../config/scene.toml");
+/// Ratio of the depths of two shadows that agree.
+const AGREES: f64 = 0.6;
 /// Maximum number of pictures of the ball.
 const MAX_BALLS: usize = 16;
 
@@ -214,7 +216,7 @@ fn describe(analysis: &Analysis) -> Vec<String> {
             .to_degrees();
     lines.push(match analysis.is_lens_assumed {
         true => format!(
-            "lens: EXIF tells none; {ASSUMED_FIELD_OF_VIEW_DEGREES}° along the longer side assumed \
+            "lens: EXIF tells none, or an impossible one; {ASSUMED_FIELD_OF_VIEW_DEGREES}° along the longer side assumed \
              (--fov)"
         ),
         false => format!("lens: {angle:.1}° along the longer side"),
@@ -246,9 +248,14 @@ fn describe(analysis: &Analysis) -> Vec<String> {
 fn describe_exposures(analysis: &Analysis) -> String {
     let balls = analysis.by_exposure();
     let stops: Vec<String> = balls.iter().map(|b| format!("{:+.1}", b.ev)).collect();
-    let from = match analysis.are_exposures_known {
-        true => "",
-        false => ", estimated from the pictures, since EXIF tells none (--exposures)",
+    let from = match analysis.exposures_from {
+        ExposuresFrom::Stated => "",
+        ExposuresFrom::Pictures => {
+            ", estimated from the pictures, since EXIF tells none (--exposures)"
+        }
+        ExposuresFrom::Contradicted => {
+            ", estimated from the pictures, which contradict EXIF: were they edited? (--exposures)"
+        }
     };
     let tone = match (&analysis.tone.refused, analysis.tone.exposures) {
         (Some(reason), _) => format!("tone curve: sRGB's, for {reason}"),
@@ -270,12 +277,26 @@ fn describe_check(check: Option<ShadowCheck>) -> String {
     match check {
         Some(check) => format!(
             "check: the ball put back throws a shadow of {:.1} %, in the photograph it is {:.1} % \
-             (they differ by {:.1} % rms)",
+             (they differ by {:.1} % rms){}",
             100.0 * check.composite,
             100.0 * check.real,
-            100.0 * check.difference
+            100.0 * check.difference,
+            advice(&check)
         ),
         None => "check: the ball throws no shadow that can be measured".to_owned(),
+    }
+}
+
+/// What to do where the shadows disagree.
+fn advice(check: &ShadowCheck) -> &'static str {
+    if check.composite < AGREES * check.real {
+        "; the light is wrong, shadows are too faint: the ball is dirty or not mirrored, lamps are white in \
+         its darkest picture, or the exposures are not as stated (--exposures)"
+    } else if check.real < AGREES * check.composite {
+        "; the light is wrong, shadows are too deep: the exposures are not as stated (--exposures), or the \
+         ground does not lie as stated (--tilt, --tag)"
+    } else {
+        ""
     }
 }
 

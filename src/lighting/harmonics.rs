@@ -23,7 +23,8 @@ const FACTORS: [f32; 9] = [
     15.0 / 64.0,
 ];
 
-fn polynomials(n: Vec3) -> [f32; 9] {
+/// The polynomials p of [`FACTORS`].
+pub(crate) fn polynomials(n: Vec3) -> [f32; 9] {
     [
         1.0,
         n.y,

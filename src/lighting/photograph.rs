@@ -1,6 +1,7 @@
 //! The environment view of a single photograph: through a fisheye lens, or of a mirrored sphere.
 
 use super::circle::{Circle, fisheye_circle, sphere_outline, visible_share};
+use super::matt::is_matt;
 use glam::{DMat3, DQuat, DVec2, DVec3};
 use penumbra_camera::{EnvironmentView, FisheyeLens, MirrorSphere};
 use penumbra_camera::{PinholeCamera, Response};
@@ -124,6 +125,14 @@ pub enum PhotographError {
         100.0 * .0.visible.unwrap_or_default()
     )]
     Doubtful(SurroundingsCircle),
+    /// What is round mirrors nothing.
+    #[error(
+        "no mirrored sphere found in the picture: what is round, with its centre at ({:.0}, {:.0}) and a radius of {:.0} pixels, is shaded like something matt. If it is a mirror all the same, set `centre` and `radius` (pixels) in a calibration file and pass it with --calibration FILE",
+        .0.centre.x,
+        .0.centre.y,
+        .0.radius
+    )]
+    Matt(Circle),
     /// A value is out of range.
     #[error("{key} = {value} is invalid: expected {expected}")]
     Value {
@@ -200,6 +209,9 @@ impl PhotographCalibration {
                 visible: Some(visible),
             };
             if circle.radius >= MIN_RADIUS && visible >= MIN_VISIBLE {
+                if kind == PhotographKind::Sphere && is_matt(picture, circle) {
+                    return Err(PhotographError::Matt(circle));
+                }
                 return Ok(found);
             }
             if best.is_none_or(|best| best.visible < found.visible) {

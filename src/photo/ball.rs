@@ -14,6 +14,9 @@ const MIN_CHANGE: i32 = 12;
 const RADII: [f64; 2] = [0.03, 0.45];
 /// Directions from a circle's centre in which the change must end.
 const DIRECTIONS: u32 = 72;
+/// Minimum share of a ball's outline that is visible: balls have 0.85 and more; books, boxes and what
+/// was taken away from the place 0.35 to 0.45.
+const MIN_SUPPORT: f64 = 0.6;
 /// Minimum number of points of an outline in the difference of two pictures.
 const MIN_POINTS: usize = 120;
 /// Error of an outline's points beyond which they belong to something else, pixels.
@@ -59,7 +62,9 @@ pub fn find(with: &Picture, without: &Picture, shift: IVec2) -> Option<Circle> {
         max_side: MAX_SIDE,
         prior: &prior,
     };
-    find_outline(with, &search)
+    let least = RADII[0] * f64::from(with.width.min(with.height));
+    // The refinement may shrink a circle to a speck.
+    find_outline(with, &search).filter(|found| found.radius >= least)
 }
 
 impl Changes {
@@ -185,7 +190,7 @@ pub fn cone(
         (angle - cone.half_angle).abs() * focal < MAX_ERROR
     };
     cone.support = rays.iter().filter(is_on).count() as f64 / 360.0;
-    (cone.support > 0.2).then_some(cone)
+    (cone.support > MIN_SUPPORT).then_some(cone)
 }
 
 /// Returns how much the pictures differ, as a grey picture of `with`'s pixels.

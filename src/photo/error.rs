@@ -1,5 +1,6 @@
 //! Errors of photographs.
 
+use penumbra_lighting::Circle;
 use penumbra_lighting::photograph::PhotographError;
 use penumbra_session::SessionError;
 use std::path::PathBuf;
@@ -46,6 +47,30 @@ pub enum PhotoError {
     NoBall {
         /// The picture.
         path: PathBuf,
+    },
+    /// What was put into the picture mirrors nothing.
+    #[error(
+        "what is round in {path}, with its centre at ({:.0}, {:.0}) and a radius of {:.0} pixels, is shaded \
+         like something matt: use a mirrored ball; if it is one, state it: --ball X,Y,RADIUS",
+        circle.centre.x, circle.centre.y, circle.radius
+    )]
+    MattBall {
+        /// The picture.
+        path: PathBuf,
+        /// The outline.
+        circle: Circle,
+    },
+    /// The ball's outline leaves the picture.
+    #[error(
+        "the ball in {path}, with its centre at ({:.0}, {:.0}), reaches the border of the picture: it must \
+         be whole, with some space around it; or state it: --ball X,Y,RADIUS",
+        circle.centre.x, circle.centre.y
+    )]
+    BallAtBorder {
+        /// The picture.
+        path: PathBuf,
+        /// The outline.
+        circle: Circle,
     },
     /// The ball's circle is impossible.
     #[error("--ball {x},{y},{radius} is not inside {path}, which has {} × {} pixels", size.0, size.1)]

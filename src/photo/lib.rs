@@ -23,11 +23,11 @@ pub use error::PhotoError;
 pub use photograph::Photograph;
 pub use placement::{ASSUMED_TILT_DEGREES, GroundFrom, Placement, PrintedTag};
 pub use session::png;
-pub use tone::Tone;
+pub use tone::{ExposuresFrom, Tone};
 
 use glam::{DVec2, IVec2};
 use penumbra_camera::PinholeCamera;
-use penumbra_lighting::Circle;
+use penumbra_lighting::{Circle, is_matt};
 
 /// Field of view along the longer side if nothing tells the lens: that of a phone's main camera, degrees.
 pub const ASSUMED_FIELD_OF_VIEW_DEGREES: f64 = 66.0;
@@ -35,6 +35,9 @@ pub const ASSUMED_FIELD_OF_VIEW_DEGREES: f64 = 66.0;
 pub const ASSUMED_REFLECTANCE: f32 = 0.85;
 /// Share of pixels that may differ between aligned pictures: the ball, its shadow and people.
 const MAX_DIFFERING: f64 = 0.3;
+/// Space between a ball that is found and the picture's border, radii: the outline of a ball that is cut
+/// off is found somewhere within it.
+const SPACE: f64 = 0.25;
 /// Difference of exposures beyond which a picture may show too little to be aligned, stops.
 const DARKER: f64 = 2.0;
 
@@ -82,8 +85,8 @@ pub struct Analysis {
     pub camera: PinholeCamera,
     /// Whether the lens is assumed: neither EXIF nor the user tells it.
     pub is_lens_assumed: bool,
-    /// Whether all exposures are EXIF's or stated; otherwise they are estimated from the pictures.
-    pub are_exposures_known: bool,
+    /// What tells the exposures.
+    pub exposures_from: ExposuresFrom,
     /// The ball.
     pub ball: FoundBall,
     /// Camera, ground and ball.
@@ -107,7 +110,7 @@ impl Analysis {
         options: &PhotoOptions,
     ) -> Result<Self, PhotoError> {
         let (camera, is_lens_assumed) = lens(&empty, options.field_of_view_degrees);
-        let (stops, are_exposures_known) = stops(&empty, &balls, options);
+        let (stops, exposures_from) = stops(&empty, &balls, options);
         let pictures = aligned(&empty, balls.into_iter().zip(stops).collect())?;
         let balls = with_ball(&empty, pictures, options.circle)?;
         let ball = fitted(&balls[0], &empty, &camera, options.circle.is_some())?;
@@ -121,7 +124,7 @@ impl Analysis {
             empty,
             camera,
             is_lens_assumed,
-            are_exposures_known,
+            exposures_from,
             ball,
             placement,
             tone,
@@ -149,16 +152,20 @@ fn lens(empty: &Photograph, field_of_view: Option<f64>) -> (PinholeCamera, bool)
     (camera, stated.is_none())
 }
 
-/// Returns the exposures of the pictures with the ball relative to the one without, and whether they
-/// are known.
-fn stops(empty: &Photograph, balls: &[Photograph], options: &PhotoOptions) -> (Vec<f64>, bool) {
+/// Returns the exposures of the pictures with the ball relative to the one without, and what tells
+/// them.
+fn stops(
+    empty: &Photograph,
+    balls: &[Photograph],
+    options: &PhotoOptions,
+) -> (Vec<f64>, ExposuresFrom) {
     if let Some(stated) = &options.exposures {
         let relative = stated.iter().map(|ev| ev - stated[0]);
-        return (relative.skip(1).collect(), true);
+        return (relative.skip(1).collect(), ExposuresFrom::Stated);
     }
     let all: Vec<&Photograph> = std::iter::once(empty).chain(balls).collect();
-    let (stops, are_known) = tone::exposures(&all);
-    (stops.into_iter().skip(1).collect(), are_known)
+    let (stops, from) = tone::exposures(&all);
+    (stops.into_iter().skip(1).collect(), from)
 }
 
 /// Aligns the pictures to the one without the ball, those of the most similar exposures first. A much
@@ -245,8 +252,7 @@ fn with_ball(
     let first = pictures.first().ok_or_else(|| no_ball(empty))?;
     let circle = match stated {
         Some(circle) => inside(circle, &first.photograph)?,
-        None => ball::find(&first.photograph.picture, &empty.picture, first.shift)
-            .ok_or_else(|| no_ball(&first.photograph))?,
+        None => found(empty, first)?,
     };
     let shift = first.shift;
     let with = |picture: Shifted| BallPicture {
@@ -259,6 +265,25 @@ fn with_ball(
         ev: picture.ev,
     };
     Ok(pictures.into_iter().map(with).collect())
+}
+
+/// Searches the ball.
+fn found(empty: &Photograph, with: &Shifted) -> Result<Circle, PhotoError> {
+    let Photograph { path, picture, .. } = &with.photograph;
+    let circle =
+        ball::find(picture, &empty.picture, with.shift).ok_or_else(|| no_ball(&with.photograph))?;
+    let size = DVec2::new(f64::from(picture.width), f64::from(picture.height));
+    let reach = (1.0 + SPACE) * circle.radius;
+    let space = circle.centre.min(size - 1.0 - circle.centre);
+    if space.min_element() < reach {
+        let path = path.clone();
+        return Err(PhotoError::BallAtBorder { path, circle });
+    }
+    if is_matt(picture, circle) {
+        let path = path.clone();
+        return Err(PhotoError::MattBall { path, circle });
+    }
+    Ok(circle)
 }
 
 /// Fits the ball's outline. A stated circle of which nothing is visible is believed.
@@ -350,6 +375,58 @@ mod tests {
         assert!(found.balls.iter().all(|b| b.shift == IVec2::ZERO));
         let centre = found.ball.circle.centre;
         assert!(centre.distance(DVec2::new(220.0, 179.0)) < 2.0, "{centre}");
+    }
+
+    /// The picture with its columns from `left` on, and `paint` over it.
+    fn changed(
+        photograph: &Photograph,
+        left: u32,
+        paint: impl Fn(u32, u32) -> Option<u8>,
+    ) -> Photograph {
+        let Picture { width, height, .. } = photograph.picture;
+        let pixels = (0..height).flat_map(|y| (left..width).map(move |x| (x, y)));
+        let rgba = pixels.flat_map(|(x, y)| {
+            let shown = photograph.picture.rgb(x, y);
+            let [r, g, b] = paint(x, y).map_or(shown, |code| [code; 3]);
+            [r, g, b, 255]
+        });
+        Photograph {
+            picture: Picture {
+                width: width - left,
+                height,
+                rgba: rgba.collect(),
+            },
+            ..photograph.clone()
+        }
+    }
+
+    #[test]
+    fn matt_things_boxes_and_balls_that_are_cut_off_are_refused() {
+        let empty = photograph("empty.jpg");
+        let refused = |empty: Photograph, with: Photograph| {
+            let found = Analysis::new(empty, vec![with], &options(&[0.0, 0.0]));
+            found.map(|_| ()).unwrap_err().to_string()
+        };
+        let matt = changed(&empty, 0, |x, y| {
+            let at = (DVec2::new(f64::from(x), f64::from(y)) - DVec2::new(230.0, 190.0)) / 28.0;
+            let z = 1.0 - at.length_squared();
+            (z > 0.0).then(|| (40.0 + 60.0 * (z.sqrt() - at.x).max(0.0)) as u8)
+        });
+        let message = refused(empty.clone(), matt);
+        assert!(message.contains("shaded like something matt"), "{message}");
+        let boxed = changed(&empty, 0, |x, y| {
+            ((190..270).contains(&x) && (140..200).contains(&y)).then_some(30)
+        });
+        let message = refused(empty.clone(), boxed);
+        assert!(message.contains("no ball found"), "{message}");
+        let as_it_is = |_, _| None;
+        let cut_off = |left| {
+            let with = changed(&photograph("ball1.jpg"), left, as_it_is);
+            refused(changed(&empty, left, as_it_is), with)
+        };
+        let (half, third) = (cut_off(220), cut_off(208));
+        assert!(half.contains("no ball found"), "{half}");
+        assert!(third.contains("reaches the border"), "{third}");
     }
 
     #[test]

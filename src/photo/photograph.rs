@@ -7,10 +7,14 @@ use moxcms::{ColorProfile, Layout, TransformOptions};
 use penumbra_lighting::photograph::read_picture_file;
 use penumbra_picture::Picture;
 use std::io::Cursor;
+use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 
 /// Diagonal of the 35 mm film that `FocalLengthIn35mmFilm` refers to, millimetres.
 const FILM_DIAGONAL_MM: f64 = 43.267;
+
+/// Longer side of a picture, focal lengths, of lenses that EXIF is believed: 5° to 140°, as `--fov`.
+const LENSES: RangeInclusive<f64> = 0.0873..=5.495;
 
 /// A photograph: upright, with the codes of sRGB.
 #[derive(Clone, Debug)]
@@ -21,7 +25,7 @@ pub struct Photograph {
     pub picture: Picture,
     /// Exposure in stops: log2 of exposure time (s) × ISO / 100 / f-number². `None` without EXIF.
     pub exposure_ev: Option<f64>,
-    /// Focal length, pixels of `picture`. `None` without EXIF.
+    /// Focal length, pixels of `picture`. `None` without EXIF, or where it is no lens's.
     pub focal: Option<f64>,
     /// Name of the colour profile that was converted to sRGB, if there was another one.
     pub profile: Option<String>,
@@ -38,7 +42,11 @@ impl Photograph {
             .read_from_container(&mut Cursor::new(&bytes))
             .ok();
         let profile = icc_profile(&bytes).and_then(|icc| to_srgb(&icc, &mut picture));
-        let focal = exif.as_ref().and_then(|e| focal(e, &picture));
+        let side = f64::from(picture.width.max(picture.height));
+        let is_lens = |focal: &f64| LENSES.contains(&(side / focal));
+        let focal = exif
+            .as_ref()
+            .and_then(|e| focal(e, &picture).filter(is_lens));
         if let Some(exif) = &exif {
             let orientation = number(exif, Tag::Orientation).unwrap_or(1.0);
             picture = upright(picture, orientation as u32);

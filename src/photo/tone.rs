@@ -11,6 +11,9 @@ use penumbra_picture::Picture;
 /// numbers (1/60 s is 1/64 s).
 const EXIF_SIGMA: f64 = 0.04;
 
+/// Every so many-th pixel tells the difference of two exposures.
+const STEP: usize = 7;
+
 /// The tone curve, and what tells it.
 #[derive(Clone, Debug)]
 pub struct Tone {
@@ -87,21 +90,56 @@ fn moved(picture: &Picture, shift: IVec2) -> Picture {
     }
 }
 
-/// Returns the exposures of photographs, stops relative to the first: EXIF's, if all have them, else
-/// estimated from the pictures with sRGB's curve. The second value tells which.
+/// What tells the exposures.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ExposuresFrom {
+    /// EXIF, or the user.
+    Stated,
+    /// The pictures, because EXIF tells none.
+    Pictures,
+    /// The pictures, because EXIF's contradict them.
+    Contradicted,
+}
+
+/// Returns the exposures of photographs, stops relative to the first: EXIF's, if all have them and the
+/// pictures do not contradict them, else estimated from the pictures with sRGB's curve.
 #[must_use]
-pub fn exposures(photographs: &[&Photograph]) -> (Vec<f64>, bool) {
+pub fn exposures(photographs: &[&Photograph]) -> (Vec<f64>, ExposuresFrom) {
     let stated: Option<Vec<f64>> = photographs.iter().map(|p| p.exposure_ev).collect();
     let Some(first) = photographs.first() else {
-        return (Vec::new(), true);
+        return (Vec::new(), ExposuresFrom::Stated);
     };
-    match stated {
-        Some(ev) => (ev.iter().map(|e| e - ev[0]).collect(), true),
-        None => {
-            let between = |p: &&Photograph| difference(&first.picture, &p.picture);
-            (photographs.iter().map(between).collect(), false)
-        }
+    let estimated = || {
+        let between = |p: &&Photograph| difference(&first.picture, &p.picture);
+        photographs.iter().map(between).collect()
+    };
+    let Some(stated) = stated else {
+        return (estimated(), ExposuresFrom::Pictures);
+    };
+    let relative: Vec<f64> = stated.iter().map(|ev| ev - stated[0]).collect();
+    let contradicts = |(p, ev): (&&Photograph, &f64)| !agrees(&first.picture, &p.picture, *ev);
+    if photographs.iter().zip(&relative).any(contradicts) {
+        (estimated(), ExposuresFrom::Contradicted)
+    } else {
+        (relative, ExposuresFrom::Stated)
     }
+}
+
+/// Whether the second picture is as much brighter than the first as a difference of exposures (stops) tells,
+/// as far as a camera's tone curve may differ from sRGB's. What is nearly black or white counts as
+/// being at that limit, expected or shown.
+fn agrees(a: &Picture, b: &Picture, stated: f64) -> bool {
+    let srgb = Response::srgb();
+    let linear = srgb.linear_from_code();
+    let within = |light: f32| light.clamp(linear[40], linear[200]);
+    let pixels = a.rgba.chunks_exact(4).zip(b.rgba.chunks_exact(4));
+    let beside = pixels.step_by(STEP).filter_map(|(a, b)| {
+        let expected = within(linear[usize::from(a[1])] * stated.exp2() as f32);
+        let shown = within(linear[usize::from(b[1])]);
+        let is_exposed = (20..245).contains(&a[1]);
+        is_exposed.then(|| f64::from(shown / expected).log2())
+    });
+    median(beside).unwrap_or(0.0).abs() <= 1.0 + 0.5 * stated.abs()
 }
 
 /// Returns the stops between two pictures of the same scene: the median over pixels that are well
@@ -113,7 +151,7 @@ fn difference(a: &Picture, b: &Picture) -> f64 {
         .rgba
         .chunks_exact(4)
         .zip(b.rgba.chunks_exact(4))
-        .step_by(7);
+        .step_by(STEP);
     let stops = pixels.filter_map(|(a, b)| {
         let is_exposed = |code: u8| (20..245).contains(&code);
         let both = is_exposed(a[1]) && is_exposed(b[1]);
@@ -160,6 +198,30 @@ mod tests {
             let ratio = curve[code] / curve[128] / (truth(code) / truth(128));
             assert!((ratio - 1.0).abs() < 0.06, "code {code}: {ratio}");
         }
+    }
+
+    #[test]
+    fn exposures_that_the_pictures_contradict_are_not_believed() {
+        let taken = |stops: f64, exif: f64| Photograph {
+            path: "a.jpg".into(),
+            picture: shades(stops),
+            exposure_ev: Some(exif),
+            focal: None,
+            profile: None,
+        };
+        let (first, darker) = (taken(0.0, 3.0), taken(-3.0, 0.0));
+        let (told, from) = exposures(&[&first, &darker]);
+        assert_eq!((told, from), (vec![0.0, -3.0], ExposuresFrom::Stated));
+        for exif in [3.0, 6.0, 9.0] {
+            let (told, from) = exposures(&[&first, &taken(-3.0, exif)]);
+            assert_eq!(from, ExposuresFrom::Contradicted, "{exif}");
+            // The curve is not sRGB's.
+            assert!((-5.0..-2.0).contains(&told[1]), "{exif}: {told:?}");
+        }
+        let six = exposures(&[&first, &taken(-6.0, 3.0)]).1;
+        assert_eq!(six, ExposuresFrom::Contradicted);
+        let black = exposures(&[&first, &taken(-9.0, -6.0)]).1;
+        assert_eq!(black, ExposuresFrom::Stated, "too dark to be compared");
     }
 
     #[test]

@@ -143,6 +143,34 @@ fn circles_are_taken_only_where_there_is_a_mirror_or_a_fisheye() {
     }
 }
 
+#[test]
+fn matt_ball_is_no_mirror() {
+    let (centre, radius) = (DVec2::new(160.0, 120.0), 90.0);
+    let rgba = (0..320u32 * 240).flat_map(|i| {
+        let at = (DVec2::new(f64::from(i % 320), f64::from(i / 320)) - centre) / radius;
+        let z = 1.0 - at.length_squared();
+        let code = match z > 0.0 {
+            true => 40.0 + 90.0 * (z.sqrt() - 0.5 * at.x).max(0.0),
+            false => 230.0,
+        };
+        [code as u8, (0.4 * code) as u8, 30, 255]
+    });
+    let picture = Picture {
+        width: 320,
+        height: 240,
+        rgba: rgba.collect(),
+    };
+    let refused = PhotographCalibration::default().circle(&picture);
+    let refused = refused.unwrap_err().to_string();
+    assert!(refused.contains("like something matt"), "{refused}");
+    let stated = PhotographCalibration {
+        centre: Some(centre.into()),
+        radius: Some(radius),
+        ..Default::default()
+    };
+    assert!(stated.circle(&picture).is_ok());
+}
+
 /// The sun over Fehmarn, 54.4947° N 11.2408° E (Astronomical Almanac's low-precision
 /// formula, 0.01°), as a vector east, north, up.
 fn sun(day_of_september: f64, utc_hours: f64) -> Vec3 {
