@@ -279,13 +279,13 @@ fn light_survives_a_wrong_tone_curve_of_the_environment_camera() {
     }
 }
 
-/// A picture of 240×200 pixels: a brighter disc with a soft border before a grey wall, or the wall
-/// alone.
-fn wall(disc: Option<f64>) -> Vec<u8> {
+/// A picture of 240×200 pixels: a brighter ball with a soft border before a grey wall. Its codes by the
+/// place in its disc, the border at 1.
+fn before_wall(ball: impl Fn(f64, f64) -> f64) -> Vec<u8> {
     let picture = image::RgbImage::from_fn(240, 200, |x, y| {
-        let from_centre = (f64::from(x) - 125.0).hypot(f64::from(y) - 96.0);
-        let inside = disc.map_or(0.0, |radius| (radius - from_centre) / 4.0 + 0.5);
-        let level = 90.0 + (130.0 - f64::from(y) / 4.0) * inside.clamp(0.0, 1.0);
+        let (x, y) = ((f64::from(x) - 125.0) / 80.0, (f64::from(y) - 96.0) / 80.0);
+        let inside = (1.0 - x.hypot(y)) * 20.0 + 0.5;
+        let level = 90.0 + (ball(x, y) - 90.0) * inside.clamp(0.0, 1.0);
         image::Rgb([level as u8; 3])
     });
     let mut png = std::io::Cursor::new(Vec::new());
@@ -296,7 +296,12 @@ fn wall(disc: Option<f64>) -> Vec<u8> {
 #[test]
 fn light_names_and_draws_the_sphere_that_it_found() {
     let desk = Desk::new();
-    desk.put("ball.png", wall(Some(80.0)));
+    // A bright sky over darker ground, photographed horizontally.
+    let mirror = |x: f64, y: f64| {
+        let up = -2.0 * y * (1.0 - x * x - y * y).max(0.0).sqrt();
+        if up > 0.0 { 250.0 } else { 150.0 }
+    };
+    desk.put("ball.png", before_wall(mirror));
     let printed = desk.works("light ball.png --out light");
     assert!(
         printed.starts_with("mirrored sphere: centre (125, "),
@@ -316,9 +321,12 @@ fn light_names_and_draws_the_sphere_that_it_found() {
     let [red, green, blue] = drawn.get_pixel(125, 16).0;
     assert!(green > 200 && red < 100 && blue < 120);
 
-    desk.put("wall.png", wall(None));
+    desk.put("wall.png", before_wall(|_, _| 90.0));
     let refused = desk.refuses("light wall.png --out nothing");
     assert!(refused.contains("--calibration FILE"), "{refused}");
+    desk.put("apple.png", before_wall(|_, y| 200.0 - 30.0 * y));
+    let refused = desk.refuses("light apple.png --out nothing");
+    assert!(refused.contains("like something matt"), "{refused}");
     assert!(!desk.path("nothing").exists());
 }
 
