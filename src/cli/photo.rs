@@ -11,7 +11,7 @@ use penumbra_fiducials::Family;
 use penumbra_lighting::Circle;
 use penumbra_photo::{
     ASSUMED_FIELD_OF_VIEW_DEGREES, ASSUMED_REFLECTANCE, Analysis, ExposuresFrom, GroundFrom,
-    PhotoOptions, Photograph, PrintedTag, ShadowCheck,
+    PhotoOptions, Photograph, Placement, PrintedTag, ShadowCheck,
 };
 use penumbra_picture::Picture;
 use penumbra_rig::{RunOptions, Runner, Source, live_settings};
@@ -53,6 +53,16 @@ pub struct PhotoArgs {
     /// A printed tag that lies on the ground, and the edge of its black border
     #[arg(long, value_name = "FAMILY:LENGTH", value_parser = tag, conflicts_with = "tilt")]
     tag: Option<PrintedTag>,
+    /// The corners of any rectangle that lies on the ground, a sheet of paper or a tile, in order round it:
+    /// pixels of the same picture as those of --ball
+    #[arg(
+        long,
+        value_name = "X,Y,X,Y,X,Y,X,Y",
+        value_parser = corners,
+        allow_hyphen_values = true,
+        conflicts_with_all = ["tilt", "tag"]
+    )]
+    ground: Option<Corners>,
     /// Field of view along the longer side, degrees, in place of EXIF's
     #[arg(long, value_name = "DEGREES", value_parser = field_of_view)]
     fov: Option<f64>,
@@ -141,6 +151,7 @@ fn analyse(args: &PhotoArgs) -> anyhow::Result<Analysis> {
         field_of_view_degrees: args.fov,
         tilt_degrees: args.tilt,
         tag: args.tag,
+        rectangle: args.ground.map(|Corners(corners)| corners),
         exposures: args.exposures.clone(),
     };
     Ok(Analysis::new(empty, balls, &options)?)
@@ -200,14 +211,18 @@ fn written(folder: &Path, name: &str, text: &str) -> anyhow::Result<PathBuf> {
 fn describe(analysis: &Analysis) -> Vec<String> {
     let circle = analysis.ball.circle;
     let distance = analysis.ball.centre(analysis.ball_radius).length();
+    let believed = if analysis.ball.is_fitted {
+        ""
+    } else {
+        ", believed all the same"
+    };
     let mut lines = vec![format!(
-        "ball: centre {:.0}, {:.0}, radius {:.0} pixels; {:.0} % of its outline seen; {:.2} m from \
-         the camera",
+        "ball: centre {:.0}, {:.0}, radius {:.0} pixels; {:.0} % of its outline seen{believed}; {distance:.2} m \
+         from the camera",
         circle.centre.x,
         circle.centre.y,
         circle.radius,
         100.0 * analysis.ball.support,
-        distance
     )];
     let angle = 2.0
         * (f64::from(analysis.camera.width.max(analysis.camera.height))
@@ -221,15 +236,7 @@ fn describe(analysis: &Analysis) -> Vec<String> {
         ),
         false => format!("lens: {angle:.1}° along the longer side"),
     });
-    let tilt = analysis.placement.tilt_degrees;
-    lines.push(match analysis.placement.ground {
-        GroundFrom::Tag => format!("ground: from the tag; the camera looks down by {tilt:.1}°"),
-        GroundFrom::Stated => format!("ground: the camera looks down by {tilt:.1}°, as stated"),
-        GroundFrom::Assumed => format!(
-            "ground: the camera is assumed to look down by {tilt:.0}°; state it with --tilt, or put \
-             a printed tag on the ground (--tag)"
-        ),
-    });
+    lines.push(describe_ground(&analysis.placement));
     lines.push(describe_exposures(analysis));
     let clipped = analysis.clipped();
     if clipped > 0 {
@@ -243,6 +250,23 @@ fn describe(analysis: &Analysis) -> Vec<String> {
         .find_map(|p| p.profile.as_ref());
     lines.extend(profiles.map(|name| format!("colours: converted from {name} to sRGB")));
     lines
+}
+
+fn describe_ground(placement: &Placement) -> String {
+    let tilt = placement.tilt_degrees;
+    match placement.ground {
+        GroundFrom::Tag => format!("ground: from the tag; the camera looks down by {tilt:.1}°"),
+        GroundFrom::Rectangle { sigma_degrees } => format!(
+            "ground: from the rectangle; the camera looks down by {tilt:.1}° and is rolled by {:.1}° \
+             (± {sigma_degrees:.1}° if the corners are wrong by a 2000th of the picture)",
+            placement.roll_degrees
+        ),
+        GroundFrom::Stated => format!("ground: the camera looks down by {tilt:.1}°, as stated"),
+        GroundFrom::Assumed => format!(
+            "ground: the camera is assumed to look down by {tilt:.0}°; state it with --tilt, or point at a \
+             rectangle on the ground (--ground, --browser), or put a printed tag there (--tag)"
+        ),
+    }
 }
 
 fn describe_exposures(analysis: &Analysis) -> String {
@@ -294,7 +318,7 @@ fn advice(check: &ShadowCheck) -> &'static str {
          its darkest picture, or the exposures are not as stated (--exposures)"
     } else if check.real < AGREES * check.composite {
         "; the light is wrong, shadows are too deep: the exposures are not as stated (--exposures), or the \
-         ground does not lie as stated (--tilt, --tag)"
+         ground does not lie as stated (--tilt, --ground, --tag)"
     } else {
         ""
     }
@@ -347,15 +371,33 @@ fn tag(text: &str) -> Result<PrintedTag, String> {
     Ok(PrintedTag { family, size })
 }
 
-fn circle(text: &str) -> Result<Circle, String> {
+/// Parses numbers between commas.
+fn numbers<const N: usize>(text: &str) -> Option<[f64; N]> {
     let numbers: Result<Vec<f64>, _> = text.split(',').map(|n| n.trim().parse()).collect();
-    match numbers.as_deref() {
-        Ok(&[x, y, radius]) if radius > 0.0 && radius.is_finite() => Ok(Circle {
+    numbers.ok()?.try_into().ok()
+}
+
+fn circle(text: &str) -> Result<Circle, String> {
+    match numbers(text) {
+        Some([x, y, radius]) if radius > 0.0 && radius.is_finite() => Ok(Circle {
             centre: DVec2::new(x, y),
             radius,
         }),
         _ => Err("expected X,Y,RADIUS in pixels, e.g. 1010,760,120".to_owned()),
     }
+}
+
+/// The corners of a rectangle.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Corners([DVec2; 4]);
+
+fn corners(text: &str) -> Result<Corners, String> {
+    let numbers: Option<[f64; 8]> = numbers(text);
+    let corners = |n: [f64; 8]| [0, 2, 4, 6].map(|k| DVec2::new(n[k], n[k + 1]));
+    numbers.map(|n| Corners(corners(n))).ok_or_else(|| {
+        "expected four corners in pixels: X,Y,X,Y,X,Y,X,Y, e.g. 610,420,940,415,1010,655,580,660"
+            .to_owned()
+    })
 }
 
 #[cfg(test)]
@@ -378,5 +420,8 @@ mod tests {
         assert!(tag("tag36h11").is_err() && tag("tagged:60mm").is_err());
         assert_eq!(circle("10, 20,5").unwrap().radius, 5.0);
         assert!(circle("10,20").is_err() && circle("1,2,nan").is_err());
+        let Corners(found) = corners("1,2,3,4, 5,6,-7,8").unwrap();
+        assert_eq!((found[0].x, found[3]), (1.0, DVec2::new(-7.0, 8.0)));
+        assert!(corners("1,2,3,4,5,6,7").is_err() && corners("1,2,3,4,5,6,7,x").is_err());
     }
 }

@@ -5,6 +5,7 @@ use glam::{DMat3, DVec2, DVec3, IVec2};
 use penumbra_camera::PinholeCamera;
 use penumbra_lighting::{Circle, OutlineSearch, find_outline, outline_points};
 use penumbra_picture::Picture;
+use std::ops::Range;
 
 /// Maximum side of the pictures in which changes are searched, pixels.
 const MAX_SIDE: u32 = 480;
@@ -19,6 +20,10 @@ const DIRECTIONS: u32 = 72;
 const MIN_SUPPORT: f64 = 0.6;
 /// Minimum number of points of an outline in the difference of two pictures.
 const MIN_POINTS: usize = 120;
+/// How far from a circle its outline is searched, radii.
+const SEARCHED: f64 = 0.08;
+/// Maximum number of points of an outline.
+const OUTLINE_POINTS: f64 = 360.0;
 /// Error of an outline's points beyond which they belong to something else, pixels.
 const MAX_ERROR: f64 = 2.0;
 
@@ -31,8 +36,10 @@ pub struct FoundBall {
     pub direction: DVec3,
     /// Half of the angle that it covers, radians.
     pub half_angle: f64,
-    /// Share of the outline that is visible as an edge, 0 to 1.
+    /// Share of the outline that is visible as an edge, 0 to 1: how sure it is.
     pub support: f64,
+    /// Whether it was fitted to edges in the picture; otherwise it is the circle that was stated.
+    pub is_fitted: bool,
 }
 
 impl FoundBall {
@@ -133,9 +140,16 @@ impl Changes {
 /// Returns the factor between the median codes of two pictures.
 fn gain(a: &Picture, b: &Picture) -> Option<f64> {
     let median = |picture: &Picture| {
-        let mut codes: Vec<u8> = picture.rgba.chunks_exact(4).map(|p| p[1]).collect();
-        codes.sort_unstable();
-        codes.get(codes.len() / 2).map(|code| f64::from(*code))
+        let mut counts = [0usize; 256];
+        for pixel in picture.rgba.chunks_exact(4) {
+            counts[usize::from(pixel[1])] += 1;
+        }
+        let (half, mut below) = (picture.rgba.len() / 8, 0);
+        let found = counts.iter().position(|n| {
+            below += n;
+            below > half
+        });
+        found.map(|code| code as f64)
     };
     let (a, b) = (median(a)?, median(b)?);
     (a > 0.0 && b > 0.0).then_some(b / a)
@@ -143,62 +157,136 @@ fn gain(a: &Picture, b: &Picture) -> Option<f64> {
 
 /// Fits the cone from the camera to the ball's outline near `circle`: the rays d to its points have
 /// a·d = 1 with a = axis / cos α, exactly, whatever the perspective. `shift` is subtracted from the
-/// points. `None` if too little of the outline is visible.
+/// points. If too little of the outline is visible, it is the circle's own cone.
 #[must_use]
 pub fn cone(
     [with, without]: [&Picture; 2],
     camera: &PinholeCamera,
     circle: Circle,
     shift: IVec2,
-) -> Option<FoundBall> {
+) -> FoundBall {
     // Where nothing was put the difference is small: its outline is the ball's, and no edge that the
     // ball mirrors.
-    let mut found = outline_points(&difference(without, with, shift)?, circle, 0.08);
+    let part = Part::around(circle, with);
+    let here = Circle {
+        centre: circle.centre - part.origin(),
+        ..circle
+    };
+    let changed = difference(without, with, &part, shift);
+    let mut found = changed.map_or_else(Vec::new, |d| outline_points(&d, here, SEARCHED));
     if found.len() < MIN_POINTS {
-        found = outline_points(with, circle, 0.08);
+        let shown = part.picture(|x, y| with.rgb(x as u32, y as u32));
+        found = outline_points(&shown, here, SEARCHED);
     }
     let shift = shift.as_dvec2();
-    let points: Vec<DVec2> = found.into_iter().map(|p| p - shift).collect();
-    let rays: Vec<DVec3> = points
-        .iter()
-        .map(|&p| camera.unproject(p).normalize())
-        .collect();
+    let ray = |p: DVec2| camera.unproject(p + part.origin() - shift).normalize();
+    let rays: Vec<DVec3> = found.into_iter().map(ray).collect();
     let circle = Circle {
         centre: circle.centre - shift,
         radius: circle.radius,
     };
-    let mut cone = stated(camera, circle);
-    let focal = camera.focal.x;
-    // Errors in pixels; the scale narrows as the cone improves.
-    let mut scale = (0.03 * circle.radius).max(MAX_ERROR);
-    for _ in 0..12 {
-        let weights = rays.iter().map(|ray| {
-            let angle = ray.dot(cone.direction).clamp(-1.0, 1.0).acos();
-            let error = (angle - cone.half_angle) * focal / scale;
-            1.0 / (1.0 + error * error).powi(2)
-        });
-        let fitted = weighted_cone(&rays, &weights.collect::<Vec<f64>>())?;
-        cone = FoundBall {
-            direction: fitted.0,
-            half_angle: fitted.1,
-            ..cone
-        };
-        scale = (0.7 * scale).max(0.5 * MAX_ERROR);
-    }
-    let is_on = |ray: &&DVec3| {
-        let angle = ray.dot(cone.direction).clamp(-1.0, 1.0).acos();
-        (angle - cone.half_angle).abs() * focal < MAX_ERROR
+    let outline = Outline {
+        rays,
+        focal: camera.focal.x,
     };
-    cone.support = rays.iter().filter(is_on).count() as f64 / 360.0;
-    (cone.support > MIN_SUPPORT).then_some(cone)
+    let stated = stated(camera, circle);
+    let fitted = outline.fitted(stated);
+    fitted
+        .filter(|fitted| fitted.support > MIN_SUPPORT)
+        .unwrap_or_else(|| FoundBall {
+            support: outline.support(&stated),
+            ..stated
+        })
 }
 
-/// Returns how much the pictures differ, as a grey picture of `with`'s pixels.
-fn difference(without: &Picture, with: &Picture, shift: IVec2) -> Option<Picture> {
+/// Rays to the points of an outline.
+struct Outline {
+    rays: Vec<DVec3>,
+    /// Pixels.
+    focal: f64,
+}
+
+impl Outline {
+    /// Returns the cone through most of the points that is near `start`; `None` if they lie on none.
+    fn fitted(&self, start: FoundBall) -> Option<FoundBall> {
+        let mut cone = FoundBall {
+            is_fitted: true,
+            ..start
+        };
+        // Errors in pixels; the scale narrows as the cone improves.
+        let mut scale = (0.03 * start.circle.radius).max(MAX_ERROR);
+        for _ in 0..12 {
+            let weights = self.rays.iter().map(|ray| {
+                let error = self.error(&cone, ray) / scale;
+                1.0 / (1.0 + error * error).powi(2)
+            });
+            let weights: Vec<f64> = weights.collect();
+            (cone.direction, cone.half_angle) = weighted_cone(&self.rays, &weights)?;
+            scale = (0.7 * scale).max(0.5 * MAX_ERROR);
+        }
+        cone.support = self.support(&cone);
+        Some(cone)
+    }
+
+    /// Returns the share of a cone that has points on it.
+    fn support(&self, cone: &FoundBall) -> f64 {
+        let on = |ray: &&DVec3| self.error(cone, ray).abs() < MAX_ERROR;
+        self.rays.iter().filter(on).count() as f64 / OUTLINE_POINTS
+    }
+
+    /// Returns how far outside a cone a point is, pixels.
+    fn error(&self, cone: &FoundBall, ray: &DVec3) -> f64 {
+        let angle = ray.dot(cone.direction).clamp(-1.0, 1.0).acos();
+        (angle - cone.half_angle) * self.focal
+    }
+}
+
+/// The part of a picture around a circle.
+struct Part {
+    columns: Range<i32>,
+    rows: Range<i32>,
+}
+
+impl Part {
+    fn around(circle: Circle, picture: &Picture) -> Self {
+        let reach = (1.0 + 2.0 * SEARCHED) * circle.radius + 8.0;
+        let range = |centre: f64, size: u32| {
+            let low = (centre - reach).floor().max(0.0) as i32;
+            low..((centre + reach).ceil() as i32).min(size as i32).max(low)
+        };
+        Self {
+            columns: range(circle.centre.x, picture.width),
+            rows: range(circle.centre.y, picture.height),
+        }
+    }
+
+    fn origin(&self) -> DVec2 {
+        DVec2::new(f64::from(self.columns.start), f64::from(self.rows.start))
+    }
+
+    /// Returns the picture of what `rgb` tells of the pixels.
+    fn picture(&self, rgb: impl Fn(i32, i32) -> [u8; 3]) -> Picture {
+        let pixels = self
+            .rows
+            .clone()
+            .flat_map(|y| self.columns.clone().map(move |x| (x, y)));
+        let rgba = pixels.flat_map(|(x, y)| {
+            let [r, g, b] = rgb(x, y);
+            [r, g, b, 255]
+        });
+        Picture {
+            width: self.columns.len() as u32,
+            height: self.rows.len() as u32,
+            rgba: rgba.collect(),
+        }
+    }
+}
+
+/// Returns how much the pictures differ, as a grey picture of a part of `with`.
+fn difference(without: &Picture, with: &Picture, part: &Part, shift: IVec2) -> Option<Picture> {
     let gain = gain(without, with)?;
     let (width, height) = (with.width as i32, with.height as i32);
-    let rgba = (0..width * height).flat_map(|i| {
-        let (x, y) = (i % width, i / width);
+    Some(part.picture(|x, y| {
         let (u, v) = (x - shift.x, y - shift.y);
         let is_inside = (0..width).contains(&u) && (0..height).contains(&v);
         let mut most = 0.0f64;
@@ -212,19 +300,12 @@ fn difference(without: &Picture, with: &Picture, shift: IVec2) -> Option<Picture
                 most = most.max((f64::from(here) - expected).abs());
             }
         }
-        let code = most as u8;
-        [code, code, code, 255]
-    });
-    Some(Picture {
-        width: with.width,
-        height: with.height,
-        rgba: rgba.collect(),
-    })
+        [most as u8; 3]
+    }))
 }
 
-/// Returns the ball of a circle that was stated.
-#[must_use]
-pub fn stated(camera: &PinholeCamera, circle: Circle) -> FoundBall {
+/// Returns the ball of a circle, whether it is visible or not.
+fn stated(camera: &PinholeCamera, circle: Circle) -> FoundBall {
     let direction = camera.unproject(circle.centre).normalize();
     // Seen off the axis, a circle of the same area covers this angle.
     let side = camera.unproject(circle.centre + DVec2::new(circle.radius, 0.0));
@@ -234,7 +315,8 @@ pub fn stated(camera: &PinholeCamera, circle: Circle) -> FoundBall {
         circle,
         direction,
         half_angle,
-        support: 1.0,
+        support: 0.0,
+        is_fitted: false,
     }
 }
 
@@ -306,7 +388,8 @@ mod tests {
             let (centre, radius) = (DVec3::new(x, y, 0.7), 0.04);
             let with = picture(Some((centre, radius)));
             let circle = find(&with, &empty, IVec2::ZERO).unwrap();
-            let found = cone([&with, &empty], &camera(), circle, IVec2::ZERO).unwrap();
+            let found = cone([&with, &empty], &camera(), circle, IVec2::ZERO);
+            assert!(found.is_fitted && found.support > 0.8, "{found:?}");
             let error = found.centre(radius) - centre;
             assert!(
                 error.length() < 0.01 * centre.length(),

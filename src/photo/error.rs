@@ -1,5 +1,6 @@
 //! Errors of photographs.
 
+use crate::rectangle::RectangleError;
 use penumbra_lighting::Circle;
 use penumbra_lighting::photograph::PhotographError;
 use penumbra_session::SessionError;
@@ -114,6 +115,18 @@ pub enum PhotoError {
          looked down: --tilt DEGREES"
     )]
     AboveHorizon {
+        /// Elevation, degrees.
+        degrees: f64,
+    },
+    /// The corners are not those of a rectangle on the ground.
+    #[error(transparent)]
+    Rectangle(#[from] RectangleError),
+    /// The ball is not on the ground of the rectangle.
+    #[error(
+        "--ground: the ball seems to hang {degrees:.0}° above the horizon of the rectangle's plane; check its \
+         corners, and the ball's outline (--ball)"
+    )]
+    AboveRectangle {
         /// Elevation, degrees.
         degrees: f64,
     },

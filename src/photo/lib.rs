@@ -3,7 +3,7 @@
 //!
 //! The picture without the ball is the scene; the ball shows the light at the very place where the
 //! virtual objects will stand. EXIF gives exposures and the lens, the ball's outline its place, and a
-//! printed tag or the user the direction of the ground. Several exposures of
+//! printed tag, a rectangle or the user the direction of the ground. Several exposures of
 //! the ball are merged, and tell the camera's tone curve.
 
 mod align;
@@ -12,7 +12,9 @@ mod check;
 mod draw;
 mod error;
 mod photograph;
+mod photographs;
 mod placement;
+mod rectangle;
 mod session;
 mod tone;
 
@@ -21,25 +23,25 @@ pub use ball::FoundBall;
 pub use check::ShadowCheck;
 pub use error::PhotoError;
 pub use photograph::Photograph;
+pub use photographs::Photographs;
 pub use placement::{ASSUMED_TILT_DEGREES, GroundFrom, Placement, PrintedTag};
+pub use rectangle::RectangleError;
 pub use session::png;
 pub use tone::{ExposuresFrom, Tone};
 
 use glam::{DVec2, IVec2};
 use penumbra_camera::PinholeCamera;
 use penumbra_lighting::{Circle, is_matt};
+use photographs::Shifted;
+use std::sync::Arc;
 
 /// Field of view along the longer side if nothing tells the lens: that of a phone's main camera, degrees.
 pub const ASSUMED_FIELD_OF_VIEW_DEGREES: f64 = 66.0;
 /// Reflectance of a silvered glass ball.
 pub const ASSUMED_REFLECTANCE: f32 = 0.85;
-/// Share of pixels that may differ between aligned pictures: the ball, its shadow and people.
-const MAX_DIFFERING: f64 = 0.3;
 /// Space between a ball that is found and the picture's border, radii: the outline of a ball that is cut
 /// off is found somewhere within it.
 const SPACE: f64 = 0.25;
-/// Difference of exposures beyond which a picture may show too little to be aligned, stops.
-const DARKER: f64 = 2.0;
 
 /// What the user states.
 #[derive(Clone, Debug, PartialEq)]
@@ -55,8 +57,11 @@ pub struct PhotoOptions {
     pub field_of_view_degrees: Option<f64>,
     /// How far the camera looked down, degrees.
     pub tilt_degrees: Option<f64>,
-    /// A printed tag on the ground, in the picture without the ball.
+    /// A printed tag on the ground, in the picture without the ball. It comes before a rectangle and the tilt.
     pub tag: Option<PrintedTag>,
+    /// Corners of a rectangle on the ground, in order round it; pixels of the same picture as `circle`. It
+    /// comes before the tilt.
+    pub rectangle: Option<[DVec2; 4]>,
     /// Exposures in stops of all pictures, the one without the ball first, in place of EXIF's.
     pub exposures: Option<Vec<f64>>,
 }
@@ -65,7 +70,7 @@ pub struct PhotoOptions {
 #[derive(Clone, Debug)]
 pub struct BallPicture {
     /// The photograph.
-    pub photograph: Photograph,
+    pub photograph: Arc<Photograph>,
     /// Its shift against the picture without the ball, pixels.
     pub shift: IVec2,
     /// Its exposure relative to the picture without the ball, stops.
@@ -74,11 +79,11 @@ pub struct BallPicture {
     pub circle: Circle,
 }
 
-/// Everything that the photographs tell.
+/// Everything that the photographs tell. Copies share the pictures.
 #[derive(Clone, Debug)]
 pub struct Analysis {
     /// The picture without the ball.
-    pub empty: Photograph,
+    pub empty: Arc<Photograph>,
     /// The pictures that show the ball, at least one, those of the most similar exposures first.
     pub balls: Vec<BallPicture>,
     /// The lens.
@@ -103,113 +108,79 @@ impl Analysis {
     /// Analyses the photographs.
     ///
     /// # Errors
-    /// The pictures differ in size or place, or ball or tag are not found.
+    /// The pictures differ in size or place, or ball, tag or rectangle are not found.
     pub fn new(
         empty: Photograph,
         balls: Vec<Photograph>,
         options: &PhotoOptions,
     ) -> Result<Self, PhotoError> {
-        let (camera, is_lens_assumed) = lens(&empty, options.field_of_view_degrees);
-        let (stops, exposures_from) = stops(&empty, &balls, options);
-        let pictures = aligned(&empty, balls.into_iter().zip(stops).collect())?;
-        let balls = with_ball(&empty, pictures, options.circle)?;
-        let ball = fitted(&balls[0], &empty, &camera, options.circle.is_some())?;
-        let series: Vec<_> = balls
-            .iter()
-            .map(|b| (&b.photograph.picture, b.ev, b.shift))
-            .collect();
-        let tone = tone::tone(&series);
-        let placement = place(&empty, &camera, &tone, &ball, options)?;
-        Ok(Self {
-            empty,
-            camera,
-            is_lens_assumed,
-            exposures_from,
+        Photographs::new(empty, balls, options)?.analyse(options)
+    }
+}
+
+impl Photographs {
+    /// Finds ball and ground.
+    ///
+    /// # Errors
+    /// Ball, tag or rectangle are not found.
+    pub fn analyse(&self, options: &PhotoOptions) -> Result<Analysis, PhotoError> {
+        let (circle, ball) = self.ball(options.circle)?;
+        let placement = self.placement(&ball, options)?;
+        Ok(Analysis {
+            empty: Arc::clone(&self.empty),
+            balls: self.balls(circle),
+            camera: self.camera.clone(),
+            is_lens_assumed: self.is_lens_assumed,
+            exposures_from: self.exposures_from,
             ball,
             placement,
-            tone,
+            tone: self.tone.clone(),
             ball_radius: options.ball_radius,
             reflectance: options.reflectance,
-            balls,
         })
     }
-}
 
-/// Returns the lens, and whether it is assumed.
-fn lens(empty: &Photograph, field_of_view: Option<f64>) -> (PinholeCamera, bool) {
-    let (width, height) = (empty.picture.width, empty.picture.height);
-    let half = f64::from(width.max(height)) / 2.0;
-    let by_angle = |degrees: f64| half / (degrees / 2.0).to_radians().tan();
-    let stated = field_of_view.map(by_angle).or(empty.focal);
-    let focal = stated.unwrap_or_else(|| by_angle(ASSUMED_FIELD_OF_VIEW_DEGREES));
-    let camera = PinholeCamera {
-        width,
-        height,
-        focal: DVec2::splat(focal),
-        centre: empty.middle(),
-        distortion: [0.0; 5],
-    };
-    (camera, stated.is_none())
-}
-
-/// Returns the exposures of the pictures with the ball relative to the one without, and what tells
-/// them.
-fn stops(
-    empty: &Photograph,
-    balls: &[Photograph],
-    options: &PhotoOptions,
-) -> (Vec<f64>, ExposuresFrom) {
-    if let Some(stated) = &options.exposures {
-        let relative = stated.iter().map(|ev| ev - stated[0]);
-        return (relative.skip(1).collect(), ExposuresFrom::Stated);
-    }
-    let all: Vec<&Photograph> = std::iter::once(empty).chain(balls).collect();
-    let (stops, from) = tone::exposures(&all);
-    (stops.into_iter().skip(1).collect(), from)
-}
-
-/// Aligns the pictures to the one without the ball, those of the most similar exposures first. A much
-/// darker one shows too little to be compared: it has the shift of the one before it.
-fn aligned(
-    empty: &Photograph,
-    mut balls: Vec<(Photograph, f64)>,
-) -> Result<Vec<Shifted>, PhotoError> {
-    let size = |p: &Photograph| (p.picture.width, p.picture.height);
-    // Stable: of equal exposures the first given.
-    balls.sort_by(|a, b| {
-        (8.0 * a.1.abs())
-            .round()
-            .total_cmp(&(8.0 * b.1.abs()).round())
-    });
-    let mut pictures: Vec<Shifted> = Vec::new();
-    for (photograph, ev) in balls {
-        if size(&photograph) != size(empty) {
-            return Err(PhotoError::Size {
-                path: photograph.path.clone(),
-                size: size(&photograph),
-                first: empty.path.clone(),
-                first_size: size(empty),
-            });
-        }
-        let before = pictures.last().map_or(IVec2::ZERO, |p| p.shift);
-        let pixels = match shift(&empty.picture, &photograph.picture) {
-            Some(found) if found.differing <= MAX_DIFFERING => found.pixels,
-            Some(found) if ev.abs() < DARKER => {
-                return Err(PhotoError::Unaligned {
-                    path: photograph.path.clone(),
-                    first: empty.path.clone(),
-                    percent: 100.0 * found.differing,
-                });
-            }
-            _ => before,
+    /// Returns the ball's circle in the [first](Self::first) picture, `stated` or searched, and its outline,
+    /// to which that circle has been fitted. A stated circle of which too little is visible is believed.
+    ///
+    /// # Errors
+    /// No ball is found, or the stated circle is outside the picture.
+    pub fn ball(&self, stated: Option<Circle>) -> Result<(Circle, FoundBall), PhotoError> {
+        let first = self.with_ball.first().ok_or_else(|| no_ball(&self.empty))?;
+        let circle = match stated {
+            Some(circle) => inside(circle, &first.photograph)?,
+            None => found(&self.empty, first)?,
         };
-        pictures.push(Shifted {
-            photograph,
-            shift: pixels,
-            ev,
-        });
+        let pictures = [&first.photograph.picture, &self.empty.picture];
+        match ball::cone(pictures, &self.camera, circle, first.shift) {
+            found if found.is_fitted || stated.is_some() => Ok((circle, found)),
+            _ => Err(no_ball(&first.photograph)),
+        }
     }
-    Ok(pictures)
+
+    /// Places camera and ground by what `options` state.
+    ///
+    /// # Errors
+    /// The tag is not found, the corners are not those of a rectangle, or the ball is not on the ground.
+    pub fn placement(
+        &self,
+        ball: &FoundBall,
+        options: &PhotoOptions,
+    ) -> Result<Placement, PhotoError> {
+        let radius = options.ball_radius;
+        if let Some(tag) = options.tag {
+            let response = &self.tone.response;
+            return placement::by_tag(&self.empty, &self.camera, response, tag, ball, radius);
+        }
+        if let Some(corners) = options.rectangle {
+            let corners = corners.map(|corner| corner - self.shift());
+            return placement::by_rectangle(ball, radius, &corners, &self.camera);
+        }
+        match options.tilt_degrees {
+            Some(tilt) => placement::by_tilt(ball, radius, tilt, GroundFrom::Stated),
+            None => placement::by_tilt(ball, radius, ASSUMED_TILT_DEGREES, GroundFrom::Assumed),
+        }
+    }
 }
 
 fn inside(circle: Circle, photograph: &Photograph) -> Result<Circle, PhotoError> {
@@ -235,41 +206,9 @@ fn no_ball(photograph: &Photograph) -> PhotoError {
     }
 }
 
-/// A picture that shows the ball somewhere.
-struct Shifted {
-    photograph: Photograph,
-    shift: IVec2,
-    ev: f64,
-}
-
-/// Finds the ball in the first picture, whose exposure is the most similar to that of the picture without
-/// it. The others show it at the same place. A `stated` circle is in pixels of the first picture, too.
-fn with_ball(
-    empty: &Photograph,
-    pictures: Vec<Shifted>,
-    stated: Option<Circle>,
-) -> Result<Vec<BallPicture>, PhotoError> {
-    let first = pictures.first().ok_or_else(|| no_ball(empty))?;
-    let circle = match stated {
-        Some(circle) => inside(circle, &first.photograph)?,
-        None => found(empty, first)?,
-    };
-    let shift = first.shift;
-    let with = |picture: Shifted| BallPicture {
-        circle: Circle {
-            centre: circle.centre + (picture.shift - shift).as_dvec2(),
-            ..circle
-        },
-        photograph: picture.photograph,
-        shift: picture.shift,
-        ev: picture.ev,
-    };
-    Ok(pictures.into_iter().map(with).collect())
-}
-
 /// Searches the ball.
 fn found(empty: &Photograph, with: &Shifted) -> Result<Circle, PhotoError> {
-    let Photograph { path, picture, .. } = &with.photograph;
+    let Photograph { path, picture, .. } = &*with.photograph;
     let circle =
         ball::find(picture, &empty.picture, with.shift).ok_or_else(|| no_ball(&with.photograph))?;
     let size = DVec2::new(f64::from(picture.width), f64::from(picture.height));
@@ -284,47 +223,6 @@ fn found(empty: &Photograph, with: &Shifted) -> Result<Circle, PhotoError> {
         return Err(PhotoError::MattBall { path, circle });
     }
     Ok(circle)
-}
-
-/// Fits the ball's outline. A stated circle of which nothing is visible is believed.
-fn fitted(
-    picture: &BallPicture,
-    empty: &Photograph,
-    camera: &PinholeCamera,
-    is_stated: bool,
-) -> Result<FoundBall, PhotoError> {
-    let BallPicture {
-        photograph,
-        shift,
-        circle,
-        ..
-    } = picture;
-    let pictures = [&photograph.picture, &empty.picture];
-    match ball::cone(pictures, camera, *circle, *shift) {
-        Some(found) => Ok(found),
-        None if is_stated => {
-            let centre = circle.centre - shift.as_dvec2();
-            Ok(ball::stated(camera, Circle { centre, ..*circle }))
-        }
-        None => Err(no_ball(photograph)),
-    }
-}
-
-fn place(
-    empty: &Photograph,
-    camera: &PinholeCamera,
-    tone: &Tone,
-    ball: &FoundBall,
-    options: &PhotoOptions,
-) -> Result<Placement, PhotoError> {
-    let radius = options.ball_radius;
-    if let Some(tag) = options.tag {
-        return placement::by_tag(empty, camera, &tone.response, tag, ball, radius);
-    }
-    if let Some(tilt) = options.tilt_degrees {
-        return placement::by_tilt(ball, radius, tilt, GroundFrom::Stated);
-    }
-    placement::by_tilt(ball, radius, ASSUMED_TILT_DEGREES, GroundFrom::Assumed)
 }
 
 #[cfg(test)]
@@ -346,6 +244,7 @@ mod tests {
             field_of_view_degrees: None,
             tilt_degrees: Some(28.0),
             tag: None,
+            rectangle: None,
             exposures: Some(exposures.to_vec()),
         }
     }

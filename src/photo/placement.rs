@@ -1,22 +1,31 @@
-//! Where camera, ground and ball are, from the ball's outline and a printed tag or the camera's tilt.
+//! Where camera, ground and ball are, from the ball's outline and a printed tag, a rectangle on the ground, or
+//! the camera's tilt.
 //!
 //! The world has its origin where the ball touches the ground, +Z up, and +Y away from the camera.
 
 use crate::ball::FoundBall;
 use crate::error::PhotoError;
 use crate::photograph::Photograph;
-use glam::{DMat3, DQuat, DVec3};
+use crate::rectangle;
+use glam::{DMat3, DQuat, DVec2, DVec3};
 use penumbra_camera::{PinholeCamera, Response};
 use penumbra_fiducials::{Detector, Family, Registrar, Tag, TagMap};
 use penumbra_interface::{MonotonicTime, RigidTransform};
 
 /// How far the camera looks down if nothing tells: a person who photographs a table, degrees.
 pub const ASSUMED_TILT_DEGREES: f64 = 30.0;
+
 /// How the direction of the ground is known.
 #[derive(Clone, Debug, PartialEq)]
 pub enum GroundFrom {
     /// From a printed tag.
     Tag,
+    /// From the corners of a rectangle.
+    Rectangle {
+        /// Standard deviation of the ground's direction, degrees, if each corner is wrong by a 2000th of the
+        /// picture.
+        sigma_degrees: f64,
+    },
     /// The user states how far the camera looked down.
     Stated,
     /// Assumed: see [`ASSUMED_TILT_DEGREES`].
@@ -32,6 +41,9 @@ pub struct Placement {
     pub ball: DVec3,
     /// How far the camera looks down, degrees.
     pub tilt_degrees: f64,
+    /// How far the camera is turned clockwise about its axis, as seen from behind it, degrees: 0 unless a tag
+    /// or a rectangle tells it. It means little where the camera looks straight down.
+    pub roll_degrees: f64,
     /// How the ground is known.
     pub ground: GroundFrom,
 }
@@ -111,6 +123,28 @@ pub fn by_tag(
     placed(centre, centre - up * height, up, GroundFrom::Tag)
 }
 
+/// Places a ball of `radius` metres by the corners of a rectangle on the ground, pixels of `camera`, in order
+/// round it.
+///
+/// # Errors
+/// The corners are not those of a rectangle, or the ball is above its horizon.
+pub fn by_rectangle(
+    ball: &FoundBall,
+    radius: f64,
+    corners: &[DVec2; 4],
+    camera: &PinholeCamera,
+) -> Result<Placement, PhotoError> {
+    let ground = rectangle::ground(corners, camera)?;
+    let centre = ball.centre(radius);
+    let from = GroundFrom::Rectangle {
+        sigma_degrees: ground.sigma_degrees,
+    };
+    placed(centre, centre - ground.up * radius, ground.up, from).map_err(|error| match error {
+        PhotoError::AboveHorizon { degrees } => PhotoError::AboveRectangle { degrees },
+        other => other,
+    })
+}
+
 fn placed(
     centre: DVec3,
     contact: DVec3,
@@ -137,6 +171,7 @@ fn placed(
         world_from_camera: pose,
         ball: pose.transform_point(centre),
         tilt_degrees: (-DVec3::Z.dot(up)).clamp(-1.0, 1.0).asin().to_degrees(),
+        roll_degrees: (-up.x).atan2(-up.y).to_degrees(),
         ground,
     })
 }
@@ -149,12 +184,13 @@ mod tests {
     fn ball(centre: DVec3, radius: f64) -> FoundBall {
         FoundBall {
             circle: Circle {
-                centre: glam::DVec2::ZERO,
+                centre: DVec2::ZERO,
                 radius: 1.0,
             },
             direction: centre.normalize(),
             half_angle: (radius / centre.length()).asin(),
             support: 1.0,
+            is_fitted: true,
         }
     }
 
@@ -179,6 +215,37 @@ mod tests {
         assert!(
             (placed.world_from_camera.translation - DVec3::new(0.0, 0.0, 0.74)).length() < 1e-9
         );
+    }
+
+    #[test]
+    fn rectangle_tells_the_camera_s_tilt_and_roll() {
+        let camera = PinholeCamera {
+            width: 800,
+            height: 600,
+            focal: DVec2::splat(700.0),
+            centre: DVec2::new(399.5, 299.5),
+            distortion: [0.0; 5],
+        };
+        let (tilt, roll) = (0.6_f64, 0.12_f64);
+        // A camera that is turned clockwise sees up at the left.
+        let up = DQuat::from_rotation_z(-roll) * up_of(tilt);
+        let (x, y) = up.any_orthonormal_pair();
+        let centre = DVec3::new(0.05, 0.02, 0.7);
+        let corners = [(-0.1, -0.15), (0.1, -0.15), (0.1, 0.15), (-0.1, 0.15)]
+            .map(|(a, b)| camera.project(centre - up * 0.04 + x * a + y * b).unwrap());
+        let placed = by_rectangle(&ball(centre, 0.04), 0.04, &corners, &camera).unwrap();
+        assert!((placed.tilt_degrees - tilt.to_degrees()).abs() < 1e-6);
+        assert!(
+            (placed.roll_degrees - roll.to_degrees()).abs() < 1e-6,
+            "{placed:?}"
+        );
+        assert!((placed.ball - DVec3::new(0.0, 0.0, 0.04)).length() < 1e-9);
+        // The corners lie on the ground, and +Y points away from the camera.
+        let forward = placed.world_from_camera.rotation * DVec3::Z;
+        assert!(forward.x.abs() < 1e-9 && forward.y > 0.5, "{forward}");
+        let above = ball(DVec3::new(0.0, -0.6, 0.7), 0.04);
+        let refused = by_rectangle(&above, 0.04, &corners, &camera).unwrap_err();
+        assert!(refused.to_string().contains("--ground"), "{refused}");
     }
 
     #[test]

@@ -2,7 +2,7 @@
 
 use crate::ball::FoundBall;
 use crate::error::PhotoError;
-use crate::photograph::reduced;
+use crate::photograph::{Photograph, reduced};
 use crate::{Analysis, BallPicture};
 use glam::{DMat4, DVec2};
 use image::ImageEncoder;
@@ -37,7 +37,7 @@ impl Analysis {
     /// The file exists, or cannot be written.
     pub fn write_session(&self, path: &Path, max_side: u32) -> Result<(), PhotoError> {
         let crop = self.crop();
-        let mut scene = self.empty.clone();
+        let mut scene = Photograph::clone(&self.empty);
         scene.reduce(max_side);
         let factor = f64::from(self.camera.width) / f64::from(scene.picture.width);
         let rig = self.rig(&scene.picture, factor.round(), &crop);

@@ -94,6 +94,45 @@ fn composite_of_photographs_is_the_photograph_of_the_real_things() {
     assert_eq!((found.width, found.height), (480, 360));
 }
 
+/// Where the renderer's camera sees a point on the table, pixels; metres from the ball's foot.
+fn on_the_table(x: f64, y: f64) -> [f64; 2] {
+    let (sin, cos) = 28f64.to_radians().sin_cos();
+    let focal = 240.0 / 31f64.to_radians().tan();
+    let to = [x - 0.03, y + 0.62 * cos, -(0.62 * sin + 0.04)];
+    let depth = to[1] * cos - to[2] * sin;
+    let down = -(to[1] * sin + to[2] * cos);
+    [239.5 + focal * to[0] / depth, 179.5 + focal * down / depth]
+}
+
+/// `--ground` of a sheet of 30 × 21 cm that lies aslant on the table.
+fn sheet() -> String {
+    let (sin, cos) = 0.44f64.sin_cos();
+    let corners = [(-0.15, -0.1), (0.15, -0.1), (0.15, 0.11), (-0.15, 0.11)]
+        .map(|(u, v)| on_the_table(u * cos - v * sin, u * sin + v * cos));
+    let numbers: Vec<String> = corners
+        .iter()
+        .flatten()
+        .map(|n| format!("{n:.1}"))
+        .collect();
+    numbers.join(",")
+}
+
+#[test]
+fn ground_is_that_of_a_rectangle_on_it() {
+    let desk = Desk::new();
+    let printed = desk.works(&format!(
+        "photo {} --ball-diameter 80mm --ground {} -o out.png",
+        pictures(2),
+        sheet()
+    ));
+    assert!(printed.contains("ground: from the rectangle"), "{printed}");
+    let [tilt, roll, error] = numbers(&printed, "ground:")[..3] else {
+        panic!("{printed}");
+    };
+    assert!((tilt - 28.0).abs() < 1.0, "{printed}");
+    assert!(roll < 0.7 && error < 1.0, "{printed}");
+}
+
 #[test]
 fn photographs_that_cannot_be_used_are_refused_in_one_line() {
     let desk = Desk::new();
@@ -118,6 +157,17 @@ fn photographs_that_cannot_be_used_are_refused_in_one_line() {
         "{empty} {ball} --ball-diameter 80mm --exposures 0,99"
     ));
     assert!(stops.contains("99 is no exposure"), "{stops}");
+    let ground = |corners: &str| {
+        refused(&format!(
+            "{empty} {ball} --ball-diameter 80mm --ground {corners}"
+        ))
+    };
+    let line = ground("10,10,20,20,30,30,10,40");
+    assert!(line.contains("lies on a line"), "{line}");
+    let crossed = ground("100,100,200,100,120,110,100,200");
+    assert!(crossed.contains("not in order round"), "{crossed}");
+    let skewed = ground("250,150,350,200,230,250,100,180");
+    assert!(skewed.contains("away from a right angle"), "{skewed}");
     desk.put("note.jpg", "no picture");
     let damaged = refused(&format!("{empty} note.jpg --ball-diameter 80mm"));
     assert!(
