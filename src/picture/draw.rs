@@ -38,7 +38,7 @@ impl Picture {
     }
 
     /// Colours a pixel, unless it is outside.
-    fn paint(&mut self, x: i64, y: i64, colour: [u8; 3]) {
+    pub(crate) fn paint(&mut self, x: i64, y: i64, colour: [u8; 3]) {
         let (Ok(x), Ok(y)) = (u32::try_from(x), u32::try_from(y)) else {
             return;
         };

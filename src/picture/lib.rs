@@ -2,7 +2,7 @@
 //!
 //! Modules in the order of the data flow: `coded` (JPEG, PNG), `raw` (uncompressed frames), `bayer`
 //! (demosaicing), `decode` (chooses by the format), `picture` (the result). `bounded` reads and
-//! `whole_file` writes files.
+//! `whole_file` writes files, `draw` and `label` draw lines and text.
 
 mod bayer;
 mod bounded;
@@ -10,6 +10,7 @@ mod coded;
 mod decode;
 mod draw;
 mod error;
+mod label;
 mod picture;
 mod raw;
 mod whole_file;
