@@ -1,6 +1,7 @@
 //! The estimated light as files: `penumbra light`.
 
 use super::ClippedEnergy;
+use super::circle::Circle;
 use super::equirect::{Equirect, preview};
 use super::estimator::EnvironmentEstimator;
 use super::hdr::Bracket;
@@ -48,6 +49,24 @@ pub struct LightReport {
 const CIRCLE: [u8; 3] = [60, 255, 90];
 /// Points by which that circle is drawn.
 const RIM_POINTS: u32 = 720;
+
+/// Returns the photograph with its circle, and how sure that is.
+fn drawn(picture: &Picture, found: &SurroundingsCircle) -> Picture {
+    let Circle { centre, radius } = found.circle;
+    let mut drawn = picture.clone();
+    let around = (0..=RIM_POINTS).map(|k| {
+        let turn = std::f64::consts::TAU * f64::from(k) / f64::from(RIM_POINTS);
+        Some((centre + DVec2::from_angle(turn) * radius).to_array())
+    });
+    drawn.draw_line(around, CIRCLE);
+    let how_sure = found.visible.map_or_else(
+        || "as stated".to_owned(),
+        |visible| format!("{:.0} % visible", 100.0 * visible),
+    );
+    let label = format!("{}: {how_sure}", found.kind.name());
+    drawn.draw_label([centre.x, centre.y + 1.03 * radius], &label, CIRCLE);
+    drawn
+}
 
 /// Returns settings for a photograph without brackets: clipped pixels are raised, unless they cover
 /// so much that they are the sky.
@@ -137,15 +156,8 @@ impl LightReport {
         let lighting = estimator.update(&input)?;
         let report = Self::from_estimator(&estimator, lighting, &view, input.scene, input.gains)?;
         progress(ESTIMATE);
-        let mut drawn = picture.clone();
-        let around = (0..=RIM_POINTS).map(|k| {
-            let turn = std::f64::consts::TAU * f64::from(k) / f64::from(RIM_POINTS);
-            let at = found.circle.centre + DVec2::from_angle(turn) * found.circle.radius;
-            Some(at.to_array())
-        });
-        drawn.draw_line(around, CIRCLE);
         Ok(Self {
-            photograph: Some((found, drawn)),
+            photograph: Some((found, drawn(picture, &found))),
             ..report
         })
     }

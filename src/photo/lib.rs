@@ -21,6 +21,7 @@ mod tone;
 pub use align::{Shift, shift};
 pub use ball::FoundBall;
 pub use check::ShadowCheck;
+pub use draw::Line;
 pub use error::PhotoError;
 pub use photograph::Photograph;
 pub use photographs::Photographs;
