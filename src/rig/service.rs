@@ -3,6 +3,7 @@
 
 use penumbra_interface::threads;
 use penumbra_status::{StatusError, StatusServer};
+use std::future::Future;
 use std::io;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -22,6 +23,25 @@ impl Service {
     /// # Errors
     /// The system cannot provide a thread, a runtime or a signal handler.
     pub fn start(server: Option<StatusServer>, shutdown: Arc<AtomicBool>) -> io::Result<Self> {
+        Self::serving(
+            async move {
+                match server {
+                    Some(server) => server.serve(std::future::pending()).await,
+                    None => Ok(()),
+                }
+            },
+            shutdown,
+        )
+    }
+
+    /// The same with any server: runs it until it ends or the service is dropped.
+    ///
+    /// # Errors
+    /// As [`Self::start`].
+    pub fn serving(
+        server: impl Future<Output = Result<(), StatusError>> + Send + 'static,
+        shutdown: Arc<AtomicBool>,
+    ) -> io::Result<Self> {
         let runtime = tokio::runtime::Builder::new_current_thread()
             .enable_all()
             .build()?;
@@ -50,7 +70,7 @@ impl Drop for Service {
 
 /// Runs the server and the signal handler concurrently until `stopped`.
 async fn run(
-    server: Option<StatusServer>,
+    server: impl Future<Output = Result<(), StatusError>>,
     signals: Signals,
     shutdown: Arc<AtomicBool>,
     stopped: oneshot::Receiver<()>,
@@ -62,13 +82,10 @@ async fn run(
     }
 }
 
-/// Serves until it is cancelled, or only waits for that without a server.
-async fn serve(server: Option<StatusServer>) {
-    if let Some(server) = server {
-        let served: Result<(), StatusError> = server.serve(std::future::pending()).await;
-        if let Err(error) = served {
-            tracing::warn!(%error, "the status server has stopped");
-        }
+/// Serves until it is cancelled, also where the server has ended or there is none.
+async fn serve(server: impl Future<Output = Result<(), StatusError>>) {
+    if let Err(error) = server.await {
+        tracing::warn!(%error, "the server of the page has stopped");
     }
     std::future::pending().await
 }

@@ -19,7 +19,7 @@ const STALL_LIMIT: Duration = Duration::from_secs(20);
 /// Minimum interval between encoded pictures (30 Hz); more would take processor time from the rig.
 const STREAM_INTERVAL: Duration = Duration::from_millis(33);
 /// Content type of a page.
-pub(super) const HTML: &str = "text/html; charset=utf-8";
+pub const HTML: &str = "text/html; charset=utf-8";
 
 /// What the streams may use.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -211,13 +211,17 @@ impl PngCache {
     }
 }
 
-pub(super) fn is_json(headers: &HeaderMap) -> bool {
+/// Returns whether a request states that its body is JSON. The form of another page cannot state that.
+#[must_use]
+pub fn is_json(headers: &HeaderMap) -> bool {
     let content_type = headers
         .get(header::CONTENT_TYPE)
         .and_then(|v| v.to_str().ok());
     content_type.is_some_and(|t| t.starts_with("application/json"))
 }
 
-pub(super) fn problem(status: StatusCode, text: &str) -> Response {
+/// Answers with the reason of a refusal: `{ "error": text }`.
+#[must_use]
+pub fn problem(status: StatusCode, text: &str) -> Response {
     (status, Json(json!({ "error": text }))).into_response()
 }

@@ -3,9 +3,10 @@
 
 use super::places::{Activity, Places, hold};
 use super::scene_routes::UPLOAD_PATH;
-use axum::extract::{Request, State};
+use axum::Router;
+use axum::extract::{DefaultBodyLimit, Request, State};
 use axum::http::{HeaderMap, HeaderName, HeaderValue, Method, StatusCode, Uri, header};
-use axum::middleware::Next;
+use axum::middleware::{Next, from_fn_with_state};
 use axum::response::{IntoResponse, Response};
 use penumbra_config::token::is_token;
 use std::fmt;
@@ -15,6 +16,8 @@ use std::time::Duration;
 
 /// Name of the cookie that carries the token after the first visit.
 const COOKIE: &str = "penumbra_token";
+/// Maximum length of a body, bytes; settings are a few dozen.
+const MAX_BODY: usize = 16 * 1024;
 /// Timeout of a request and its answer, except for streams.
 const ANSWER_LIMIT: Duration = Duration::from_secs(10);
 /// The same of an uploaded file, which may come over a slow network.
@@ -28,6 +31,23 @@ impl Token {
     /// Returns the token if it is valid.
     pub fn new(text: String) -> Option<Self> {
         is_token(&text).then_some(Self(text))
+    }
+
+    /// Returns its text, for an address that is shown to the user.
+    pub fn reveal(&self) -> &str {
+        &self.0
+    }
+
+    /// Returns a new token that cannot be guessed.
+    ///
+    /// # Errors
+    /// The system gives no random numbers.
+    pub fn random() -> std::io::Result<Self> {
+        let mut bytes = [0; 16];
+        getrandom::fill(&mut bytes).map_err(std::io::Error::other)?;
+        Ok(Self(
+            bytes.iter().map(|byte| format!("{byte:02x}")).collect(),
+        ))
     }
 
     /// Compares in constant time.
@@ -52,6 +72,9 @@ impl fmt::Debug for Token {
 #[derive(Clone)]
 pub struct Gate {
     token: Option<Arc<Token>>,
+    /// Only the names of this machine itself are answered to, and nothing without the token.
+    is_local: bool,
+    cookie: Arc<str>,
     places: Places,
 }
 
@@ -60,17 +83,37 @@ impl Gate {
     pub fn new(token: Option<Arc<Token>>, viewers: usize) -> Self {
         Self {
             token,
+            is_local: false,
+            cookie: COOKIE.into(),
             places: Places::new(viewers),
+        }
+    }
+
+    /// Creates the state of a page at a port of loopback, which needs both the token and an own name.
+    pub fn local(token: Token, port: u16) -> Self {
+        Self {
+            token: Some(Arc::new(token)),
+            is_local: true,
+            // A browser sends a cookie to all ports.
+            cookie: format!("{COOKIE}_{port}").into(),
+            places: Places::new(0),
         }
     }
 }
 
+/// Puts routes behind the guard.
+pub fn guarded<S: Clone + Send + Sync + 'static>(routes: Router<S>, gate: Gate) -> Router<S> {
+    routes
+        .layer(DefaultBodyLimit::max(MAX_BODY))
+        .layer(from_fn_with_state(gate, guard))
+}
+
 /// Accepts or refuses a request, and sets the headers of every answer. An accepted request takes a
 /// place; the connection of a refused one is closed at once.
-pub async fn guard(State(gate): State<Gate>, request: Request, next: Next) -> Response {
+async fn guard(State(gate): State<Gate>, request: Request, next: Next) -> Response {
     let activity = request.extensions().get::<Arc<Activity>>();
     let busy = activity.map(Activity::begin);
-    let mut response = match judge(gate.token.as_deref(), &request) {
+    let mut response = match judge(&gate, &request) {
         Ok(()) => match gate.places.take(request.uri().path()) {
             Some(place) => hold(answered(request, next).await, (place, busy)),
             None => let_go((StatusCode::SERVICE_UNAVAILABLE, CROWDED).into_response()),
@@ -119,21 +162,28 @@ const SECURITY_HEADERS: [(HeaderName, &str); 6] = [
 ];
 
 /// Checks that host and origin are stated once, then the host, then the origin, then the token.
-fn judge(token: Option<&Token>, request: &Request) -> Result<(), Box<Response>> {
+fn judge(gate: &Gate, request: &Request) -> Result<(), Box<Response>> {
     let headers = request.headers();
     let is_repeated = |name| headers.get_all(name).iter().nth(1).is_some();
     if is_repeated(header::HOST) || is_repeated(header::ORIGIN) {
         return refuse(StatusCode::BAD_REQUEST, REPEATED);
     }
     let host = text(headers, &header::HOST).unwrap_or_default();
-    if token.is_none() && !is_own_name(host) {
-        return refuse(StatusCode::MISDIRECTED_REQUEST, HOST_REFUSED);
+    if (gate.is_local || gate.token.is_none()) && !is_own_name(host) {
+        let text = if gate.is_local {
+            LOCAL_HOST_REFUSED
+        } else {
+            HOST_REFUSED
+        };
+        return refuse(StatusCode::MISDIRECTED_REQUEST, text);
     }
     if !is_own_page(request.method(), headers, host) {
         return refuse(StatusCode::FORBIDDEN, ORIGIN_REFUSED);
     }
-    match token {
-        Some(token) if request.uri().path() != "/healthz" => admit(token, request),
+    match &gate.token {
+        Some(token) if gate.is_local || request.uri().path() != "/healthz" => {
+            admit(token, &gate.cookie, request)
+        }
         _ => Ok(()),
     }
 }
@@ -142,6 +192,7 @@ const CROWDED: &str = "too many requests at a time; try again\n";
 const REPEATED: &str = "refused: Host and Origin may be stated once only\n";
 const HOST_REFUSED: &str = "this server answers to localhost and 127.0.0.1 only; \
     to reach it by another name, start it with a token\n";
+const LOCAL_HOST_REFUSED: &str = "this page answers to localhost and 127.0.0.1 only\n";
 const ORIGIN_REFUSED: &str = "refused: the request comes from another page\n";
 const TOKEN_REFUSED: &str = "a token is needed: open /?token=…, or send \
     the header Authorization: Bearer …\n";
@@ -175,25 +226,25 @@ fn is_own_page(method: &Method, headers: &HeaderMap, host: &str) -> bool {
     same_origin && (matches!(site, "same-origin" | "none") || follows_link)
 }
 
-fn admit(token: &Token, request: &Request) -> Result<(), Box<Response>> {
+fn admit(token: &Token, cookie: &str, request: &Request) -> Result<(), Box<Response>> {
     let headers = request.headers();
     let bearer = text(headers, &header::AUTHORIZATION).and_then(|a| a.strip_prefix("Bearer "));
-    if bearer.is_some_and(|b| token.is(b.trim())) || cookies(headers).any(|c| token.is(c)) {
+    if bearer.is_some_and(|b| token.is(b.trim())) || cookies(headers, cookie).any(|c| token.is(c)) {
         return Ok(());
     }
     if query_token(request.uri()).is_some_and(|t| token.is(t)) {
-        return Err(Box::new(set_cookie(token, request)));
+        return Err(Box::new(set_cookie(token, cookie, request)));
     }
     refuse(StatusCode::UNAUTHORIZED, TOKEN_REFUSED)
 }
 
-fn cookies(headers: &HeaderMap) -> impl Iterator<Item = &str> {
+fn cookies<'a>(headers: &'a HeaderMap, cookie: &'a str) -> impl Iterator<Item = &'a str> {
     let lines = headers.get_all(header::COOKIE).into_iter();
     lines
         .filter_map(|line| line.to_str().ok())
         .flat_map(|line| line.split(';'))
         .filter_map(|pair| pair.trim().split_once('='))
-        .filter(|(name, _)| *name == COOKIE)
+        .filter(move |(name, _)| *name == cookie)
         .map(|(_, value)| value)
 }
 
@@ -206,8 +257,8 @@ fn query_token(uri: &Uri) -> Option<&str> {
 
 /// Moves the token from the address into a cookie, so that it is neither in the history nor in a
 /// bookmark.
-fn set_cookie(token: &Token, request: &Request) -> Response {
-    let cookie = format!("{COOKIE}={}; Path=/; HttpOnly; SameSite=Strict", token.0);
+fn set_cookie(token: &Token, cookie: &str, request: &Request) -> Response {
+    let cookie = format!("{cookie}={}; Path=/; HttpOnly; SameSite=Strict", token.0);
     let path = request.uri().path();
     // A path of two slashes would be read as another server's name.
     let target = format!("/{}", path.trim_start_matches('/'));
@@ -259,6 +310,12 @@ mod tests {
             format!("{:?}", token("abcdEFGH0123-._~").unwrap()),
             "Token(…)"
         );
+    }
+
+    #[test]
+    fn random_tokens_are_valid_and_differ() {
+        let [a, b] = [0, 1].map(|_| Token::random().unwrap());
+        assert!(is_token(&a.0) && a.0.len() == 32 && a != b);
     }
 
     #[test]

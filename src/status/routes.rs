@@ -2,7 +2,8 @@
 
 use super::app::{App, HTML, PngCache, is_json, problem};
 use super::calibration_routes;
-use super::guard::{self, Gate, Token};
+use super::files::{asset, files};
+use super::guard::{Gate, Token, guarded};
 use super::health::health;
 use super::metrics::{METRICS_CONTENT_TYPE, metrics};
 use super::objects::{ObjectRefusal, ObjectRequest};
@@ -14,9 +15,8 @@ use super::shared::View;
 use super::snapshot::{Snapshot, WhiteBalance};
 use crate::stream::{STREAM_CONTENT_TYPE, stream_preamble};
 use axum::body::{Body, Bytes};
-use axum::extract::{DefaultBodyLimit, Path, State};
+use axum::extract::State;
 use axum::http::{HeaderMap, StatusCode, Uri, header};
-use axum::middleware::from_fn_with_state;
 use axum::response::{IntoResponse, Response};
 use axum::routing::{get, post};
 use axum::{Json, Router};
@@ -31,20 +31,15 @@ use tokio_stream::{Stream, StreamExt, once};
 
 /// Time that `/snapshot.png` waits for a new picture before it returns the last one.
 const SNAPSHOT_WAIT: Duration = Duration::from_millis(700);
-/// Maximum length of a body, bytes; settings are a few dozen.
-const MAX_BODY: usize = 16 * 1024;
 
 /// All routes behind the guard.
 pub fn router(app: App, token: Option<Arc<Token>>) -> Router {
     let gate = Gate::new(token, app.limits.viewers);
-    Router::new()
+    let routes = files()
         .route(
             "/",
             get(|| asset(HTML, include_str!("dashboard/dashboard.html"))),
         )
-        .route("/dashboard/{file}", get(dashboard_file))
-        // Browsers ask for it on pages that name no icon, such as /status.
-        .route("/favicon.ico", get(|| async { StatusCode::NO_CONTENT }))
         .route("/status", get(status))
         .route("/whitebalance.json", get(white_balance))
         .route("/metrics", get(metrics_page))
@@ -61,10 +56,8 @@ pub fn router(app: App, token: Option<Arc<Token>>) -> Router {
         .route("/snapshot.png", get(snapshot_png))
         .route("/environment.png", get(environment_png))
         .route("/sheet.pdf", get(sheet_pdf))
-        .fallback(not_found)
-        .layer(DefaultBodyLimit::max(MAX_BODY))
-        .layer(from_fn_with_state(gate, guard::guard))
-        .with_state(app)
+        .fallback(not_found);
+    guarded(routes, gate).with_state(app)
 }
 
 const NOT_FOUND: &str = "not here; there are / /status /metrics /healthz /log /settings \
@@ -72,63 +65,6 @@ const NOT_FOUND: &str = "not here; there are / /status /metrics /healthz /log /s
 
 async fn not_found() -> Response {
     (StatusCode::NOT_FOUND, NOT_FOUND).into_response()
-}
-
-const CSS: &str = "text/css; charset=utf-8";
-const SCRIPT: &str = "text/javascript; charset=utf-8";
-
-async fn asset(content_type: &'static str, text: &'static str) -> Response {
-    ([(header::CONTENT_TYPE, content_type)], text).into_response()
-}
-
-/// A file of the dashboard: name, content.
-macro_rules! file {
-    ($name:literal) => {
-        ($name, include_str!(concat!("dashboard/", $name)))
-    };
-}
-
-/// Files of the dashboard, which are part of the program.
-const FILES: [(&str, &str); 27] = [
-    file!("calibrate.css"),
-    file!("calibrate.js"),
-    file!("charts.js"),
-    file!("columns.js"),
-    file!("controls.css"),
-    file!("controls.js"),
-    file!("dashboard.css"),
-    file!("dashboard.js"),
-    file!("exposure.js"),
-    file!("favicon.svg"),
-    file!("guide.css"),
-    file!("guide.js"),
-    file!("health.js"),
-    file!("lamps.js"),
-    file!("log.js"),
-    file!("objects.js"),
-    file!("picture.js"),
-    file!("planes.js"),
-    file!("playback.js"),
-    file!("presets.js"),
-    file!("recording.js"),
-    file!("requests.js"),
-    file!("rows.js"),
-    file!("scenes.js"),
-    file!("settings.js"),
-    file!("text.js"),
-    file!("theme.js"),
-];
-
-async fn dashboard_file(Path(file): Path<String>) -> Response {
-    let Some((name, text)) = FILES.iter().find(|(name, _)| *name == file) else {
-        return not_found().await;
-    };
-    let content_type = match name.rsplit_once('.') {
-        Some((_, "css")) => CSS,
-        Some((_, "svg")) => "image/svg+xml",
-        _ => SCRIPT,
-    };
-    asset(content_type, text).await
 }
 
 async fn status(State(app): State<App>) -> Json<Snapshot> {

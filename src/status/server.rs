@@ -2,7 +2,8 @@
 
 use super::app::{App, StreamLimits};
 use super::descriptors;
-use super::guard::Token;
+use super::files::files;
+use super::guard::{Gate, Token, guarded};
 use super::places::Activity;
 use super::routes;
 use super::shared::{SharedStatus, View};
@@ -78,6 +79,55 @@ pub enum StatusError {
     /// The stream's encoder could not be set up.
     #[error("stream: {0}")]
     Encoder(#[from] crate::stream::EncodeError),
+}
+
+/// A server of another page than the dashboard, for a command that asks its user something: at a free port of
+/// loopback, behind a random token, with the guard, the limits and the files of the status server.
+pub struct PageServer {
+    listener: TcpListener,
+    local_addr: SocketAddr,
+    address: String,
+    router: Router,
+}
+
+impl PageServer {
+    /// Binds a free port for a page's `routes`. `/dashboard/{file}` is added to them.
+    ///
+    /// # Errors
+    /// No port can be bound, or the system gives no random numbers.
+    pub fn bind(routes: Router) -> Result<Self, StatusError> {
+        let listen = SocketAddr::from((Ipv4Addr::LOCALHOST, 0));
+        let (listener, local_addr) = take_port(listen)?;
+        let token = Token::random().map_err(|reason| StatusError::Listen { listen, reason })?;
+        let address = format!("http://{local_addr}/?token={}", token.reveal());
+        let gate = Gate::local(token, local_addr.port());
+        Ok(Self {
+            listener,
+            local_addr,
+            address,
+            router: guarded(routes.merge(files()), gate),
+        })
+    }
+
+    /// Returns the address of the page, with its token.
+    #[must_use]
+    pub fn address(&self) -> &str {
+        &self.address
+    }
+
+    /// Serves until the future is dropped.
+    ///
+    /// # Errors
+    /// The listener cannot be registered with the runtime.
+    pub async fn serve(self) -> Result<(), StatusError> {
+        let bounds = Bounds {
+            connections: MAX_CONNECTIONS,
+            stall: StreamLimits::default().stall,
+        };
+        let listener = registered(self.listener, self.local_addr)?;
+        accept(listener, self.router, bounds).await;
+        Ok(())
+    }
 }
 
 /// The status server, bound to its port and not yet serving.
@@ -180,9 +230,7 @@ impl StatusServer {
     /// # Errors
     /// The listener cannot be registered with the runtime.
     pub async fn serve(self, shutdown: impl Future<Output = ()>) -> Result<(), StatusError> {
-        let listen = self.local_addr;
-        let failed = |reason| StatusError::Listen { listen, reason };
-        let listener = tokio::net::TcpListener::from_std(self.listener).map_err(failed)?;
+        let listener = registered(self.listener, self.local_addr)?;
         tokio::select! {
             () = shutdown => {}
             () = accept(listener, self.service.router, self.service.bounds) => {}
@@ -191,6 +239,15 @@ impl StatusServer {
         }
         Ok(())
     }
+}
+
+/// Registers a listener with the runtime.
+fn registered(
+    listener: TcpListener,
+    listen: SocketAddr,
+) -> Result<tokio::net::TcpListener, StatusError> {
+    let failed = |reason| StatusError::Listen { listen, reason };
+    tokio::net::TcpListener::from_std(listener).map_err(failed)
 }
 
 fn take_port(listen: SocketAddr) -> Result<(TcpListener, SocketAddr), StatusError> {
