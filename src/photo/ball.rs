@@ -21,7 +21,13 @@ const MIN_SUPPORT: f64 = 0.6;
 /// Minimum number of points of an outline in the difference of two pictures.
 const MIN_POINTS: usize = 120;
 /// How far from a circle its outline is searched, radii.
-const SEARCHED: f64 = 0.08;
+const NEAR: f64 = 0.08;
+/// The same of a circle that a person has placed by eye. There are more other edges within it.
+const BY_EYE: f64 = 0.2;
+/// Minimum share of an outline among other edges, from which it is searched once more.
+const MIN_SUPPORT_BY_EYE: f64 = 0.3;
+/// How often such an outline is searched again.
+const ROUNDS: usize = 3;
 /// Maximum number of points of an outline.
 const OUTLINE_POINTS: f64 = 360.0;
 /// Error of an outline's points beyond which they belong to something else, pixels.
@@ -137,8 +143,8 @@ impl Changes {
     }
 }
 
-/// Returns the factor between the median codes of two pictures.
-fn gain(a: &Picture, b: &Picture) -> Option<f64> {
+/// Returns the factor from the median code of `a` to that of `b`; `None` for black pictures.
+pub fn gain(a: &Picture, b: &Picture) -> Option<f64> {
     let median = |picture: &Picture| {
         let mut counts = [0usize; 256];
         for pixel in picture.rgba.chunks_exact(4) {
@@ -155,48 +161,116 @@ fn gain(a: &Picture, b: &Picture) -> Option<f64> {
     (a > 0.0 && b > 0.0).then_some(b / a)
 }
 
-/// Fits the cone from the camera to the ball's outline near `circle`: the rays d to its points have
-/// a·d = 1 with a = axis / cos α, exactly, whatever the perspective. `shift` is subtracted from the
-/// points. If too little of the outline is visible, it is the circle's own cone.
-#[must_use]
-pub fn cone(
-    [with, without]: [&Picture; 2],
-    camera: &PinholeCamera,
-    circle: Circle,
-    shift: IVec2,
-) -> FoundBall {
-    // Where nothing was put the difference is small: its outline is the ball's, and no edge that the
-    // ball mirrors.
-    let part = Part::around(circle, with);
-    let here = Circle {
-        centre: circle.centre - part.origin(),
-        ..circle
-    };
-    let changed = difference(without, with, &part, shift);
-    let mut found = changed.map_or_else(Vec::new, |d| outline_points(&d, here, SEARCHED));
-    if found.len() < MIN_POINTS {
-        let shown = part.picture(|x, y| with.rgb(x as u32, y as u32));
-        found = outline_points(&shown, here, SEARCHED);
-    }
-    let shift = shift.as_dvec2();
-    let ray = |p: DVec2| camera.unproject(p + part.origin() - shift).normalize();
-    let rays: Vec<DVec3> = found.into_iter().map(ray).collect();
-    let circle = Circle {
-        centre: circle.centre - shift,
-        radius: circle.radius,
-    };
-    let outline = Outline {
-        rays,
-        focal: camera.focal.x,
-    };
-    let stated = stated(camera, circle);
-    let fitted = outline.fitted(stated);
-    fitted
-        .filter(|fitted| fitted.support > MIN_SUPPORT)
-        .unwrap_or_else(|| FoundBall {
+/// The pictures in which the outline of a ball is sought.
+#[derive(Clone, Copy, Debug)]
+pub struct Sight<'a> {
+    /// The picture with the ball.
+    pub with: &'a Picture,
+    /// The picture without it.
+    pub without: &'a Picture,
+    /// The shift of the first against the second, pixels.
+    pub shift: IVec2,
+    /// Factor from the codes of the second to those of the first: see [`gain`].
+    pub gain: Option<f64>,
+    /// The lens of the second.
+    pub camera: &'a PinholeCamera,
+}
+
+impl Sight<'_> {
+    /// Fits the cone from the camera to the ball's outline near `circle`, pixels of the picture with the ball: the
+    /// rays d to its points have a·d = 1 with a = axis / cos α, exactly, whatever the perspective. If too little of
+    /// the outline is visible, it is the circle's own cone.
+    #[must_use]
+    pub fn cone(&self, circle: Circle) -> FoundBall {
+        let outline = self.outline(circle, NEAR);
+        let stated = self.stated(circle);
+        outline.fitted(stated, MIN_SUPPORT).unwrap_or(FoundBall {
             support: outline.support(&stated),
             ..stated
         })
+    }
+
+    /// The same with a circle that a person has placed by eye.
+    #[must_use]
+    pub fn cone_by_eye(&self, circle: Circle) -> FoundBall {
+        let near = self.cone(circle);
+        let wide = || {
+            let outline = self.outline(circle, BY_EYE);
+            outline.fitted(self.stated(circle), MIN_SUPPORT_BY_EYE)
+        };
+        let mut first = Some(near).filter(|near| near.is_fitted).or_else(wide);
+        let mut best = None;
+        // An edge at the end of the search is not the steepest there is: it is searched again around it.
+        for _ in 0..ROUNDS {
+            let Some(around) = first.take().and_then(|cone| self.circle_of(&cone)) else {
+                break;
+            };
+            if around.centre.distance(circle.centre) < 2.0 * BY_EYE * circle.radius {
+                first = Some(self.cone(around)).filter(|cone| cone.is_fitted);
+                best = first.or(best);
+            }
+        }
+        best.unwrap_or(near)
+    }
+
+    /// Returns the circle of a cone in the picture with the ball.
+    fn circle_of(&self, cone: &FoundBall) -> Option<Circle> {
+        let centre = self.camera.project(cone.direction)? + self.shift.as_dvec2();
+        let radius = cone.half_angle.tan() * self.camera.focal.x;
+        let same = self.stated(Circle { centre, radius });
+        // Seen off the axis, it is larger.
+        let radius = radius * cone.half_angle / same.half_angle;
+        Some(Circle { centre, radius })
+    }
+
+    /// Returns the edges within `reach` radii of a circle.
+    fn outline(&self, circle: Circle, reach: f64) -> Outline {
+        let part = Part::around(circle, reach, self.with);
+        let here = Circle {
+            centre: circle.centre - part.origin(),
+            ..circle
+        };
+        // Where nothing was put the difference is small: its outline is the ball's, and no edge that the
+        // ball mirrors.
+        let changed = self.gain.map(|gain| self.difference(gain, &part));
+        let mut found = changed.map_or_else(Vec::new, |d| outline_points(&d, here, reach));
+        if found.len() < MIN_POINTS {
+            let shown = part.picture(|x, y| self.with.rgb(x as u32, y as u32));
+            found = outline_points(&shown, here, reach);
+        }
+        let moved = part.origin() - self.shift.as_dvec2();
+        let ray = |p: DVec2| self.camera.unproject(p + moved).normalize();
+        Outline {
+            rays: found.into_iter().map(ray).collect(),
+            focal: self.camera.focal.x,
+            scale: 0.4 * reach * circle.radius,
+        }
+    }
+
+    /// Returns how much the pictures differ, as a grey picture of a part of the first.
+    fn difference(&self, gain: f64, part: &Part) -> Picture {
+        let (width, height) = (self.with.width as i32, self.with.height as i32);
+        part.picture(|x, y| {
+            let (u, v) = (x - self.shift.x, y - self.shift.y);
+            let is_inside = (0..width).contains(&u) && (0..height).contains(&v);
+            let mut most = 0.0f64;
+            if is_inside {
+                let here = self.with.rgb(x as u32, y as u32);
+                let there = self.without.rgb(u as u32, v as u32);
+                for (here, there) in here.into_iter().zip(there) {
+                    let expected = (f64::from(there) * gain).min(255.0);
+                    most = most.max((f64::from(here) - expected).abs());
+                }
+            }
+            [most as u8; 3]
+        })
+    }
+
+    /// Returns the ball of a circle, whether it is visible or not.
+    fn stated(&self, circle: Circle) -> FoundBall {
+        let centre = circle.centre - self.shift.as_dvec2();
+        stated(self.camera, Circle { centre, ..circle })
+    }
 }
 
 /// Rays to the points of an outline.
@@ -204,17 +278,20 @@ struct Outline {
     rays: Vec<DVec3>,
     /// Pixels.
     focal: f64,
+    /// Error beyond which a point belongs to something else at first, pixels.
+    scale: f64,
 }
 
 impl Outline {
-    /// Returns the cone through most of the points that is near `start`; `None` if they lie on none.
-    fn fitted(&self, start: FoundBall) -> Option<FoundBall> {
+    /// Returns the cone through most of the points that is near `start`; `None` if at most `least` of it is on
+    /// them.
+    fn fitted(&self, start: FoundBall, least: f64) -> Option<FoundBall> {
         let mut cone = FoundBall {
             is_fitted: true,
             ..start
         };
         // Errors in pixels; the scale narrows as the cone improves.
-        let mut scale = (0.03 * start.circle.radius).max(MAX_ERROR);
+        let mut scale = self.scale.max(MAX_ERROR);
         for _ in 0..12 {
             let weights = self.rays.iter().map(|ray| {
                 let error = self.error(&cone, ray) / scale;
@@ -225,7 +302,7 @@ impl Outline {
             scale = (0.7 * scale).max(0.5 * MAX_ERROR);
         }
         cone.support = self.support(&cone);
-        Some(cone)
+        (cone.support > least).then_some(cone)
     }
 
     /// Returns the share of a cone that has points on it.
@@ -248,8 +325,8 @@ struct Part {
 }
 
 impl Part {
-    fn around(circle: Circle, picture: &Picture) -> Self {
-        let reach = (1.0 + 2.0 * SEARCHED) * circle.radius + 8.0;
+    fn around(circle: Circle, reach: f64, picture: &Picture) -> Self {
+        let reach = (1.0 + 2.0 * reach) * circle.radius + 8.0;
         let range = |centre: f64, size: u32| {
             let low = (centre - reach).floor().max(0.0) as i32;
             low..((centre + reach).ceil() as i32).min(size as i32).max(low)
@@ -280,28 +357,6 @@ impl Part {
             rgba: rgba.collect(),
         }
     }
-}
-
-/// Returns how much the pictures differ, as a grey picture of a part of `with`.
-fn difference(without: &Picture, with: &Picture, part: &Part, shift: IVec2) -> Option<Picture> {
-    let gain = gain(without, with)?;
-    let (width, height) = (with.width as i32, with.height as i32);
-    Some(part.picture(|x, y| {
-        let (u, v) = (x - shift.x, y - shift.y);
-        let is_inside = (0..width).contains(&u) && (0..height).contains(&v);
-        let mut most = 0.0f64;
-        if is_inside {
-            let (here, there) = (
-                with.rgb(x as u32, y as u32),
-                without.rgb(u as u32, v as u32),
-            );
-            for (here, there) in here.into_iter().zip(there) {
-                let expected = (f64::from(there) * gain).min(255.0);
-                most = most.max((f64::from(here) - expected).abs());
-            }
-        }
-        [most as u8; 3]
-    }))
 }
 
 /// Returns the ball of a circle, whether it is visible or not.
@@ -381,6 +436,16 @@ mod tests {
         }
     }
 
+    fn sight<'a>(with: &'a Picture, without: &'a Picture, camera: &'a PinholeCamera) -> Sight<'a> {
+        Sight {
+            with,
+            without,
+            shift: IVec2::ZERO,
+            gain: gain(without, with),
+            camera,
+        }
+    }
+
     #[test]
     fn ball_is_found_where_it_stands_also_far_off_the_axis() {
         let empty = picture(None);
@@ -388,7 +453,7 @@ mod tests {
             let (centre, radius) = (DVec3::new(x, y, 0.7), 0.04);
             let with = picture(Some((centre, radius)));
             let circle = find(&with, &empty, IVec2::ZERO).unwrap();
-            let found = cone([&with, &empty], &camera(), circle, IVec2::ZERO);
+            let found = sight(&with, &empty, &camera()).cone(circle);
             assert!(found.is_fitted && found.support > 0.8, "{found:?}");
             let error = found.centre(radius) - centre;
             assert!(
@@ -397,6 +462,31 @@ mod tests {
                 found.centre(radius)
             );
         }
+    }
+
+    #[test]
+    fn circle_that_was_placed_by_eye_is_fitted() {
+        let empty = picture(None);
+        let centre = DVec3::new(0.1, 0.05, 0.7);
+        let with = picture(Some((centre, 0.04)));
+        let true_circle = find(&with, &empty, IVec2::ZERO).unwrap();
+        for (x, y, radius) in [(0.0, 0.0, 1.15), (0.1, 0.05, 1.0), (-0.08, 0.06, 0.9)] {
+            let circle = Circle {
+                centre: true_circle.centre + DVec2::new(x, y) * true_circle.radius,
+                radius: radius * true_circle.radius,
+            };
+            let found = sight(&with, &empty, &camera()).cone_by_eye(circle);
+            assert!(found.is_fitted, "{found:?}");
+            let error = found.centre(0.04) - centre;
+            assert!(error.length() < 0.015 * centre.length(), "{found:?}");
+        }
+        // Elsewhere it is believed as it is, and known to be unseen.
+        let aside = Circle {
+            centre: true_circle.centre + DVec2::new(2.5 * true_circle.radius, 0.0),
+            ..true_circle
+        };
+        let found = sight(&with, &empty, &camera()).cone_by_eye(aside);
+        assert!(!found.is_fitted && found.support < 0.6, "{found:?}");
     }
 
     #[test]

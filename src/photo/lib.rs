@@ -30,6 +30,7 @@ pub use rectangle::RectangleError;
 pub use session::png;
 pub use tone::{ExposuresFrom, Tone};
 
+use ball::Sight;
 use glam::{DVec2, IVec2};
 use penumbra_camera::PinholeCamera;
 use penumbra_lighting::{Circle, is_matt};
@@ -141,22 +142,32 @@ impl Photographs {
         })
     }
 
-    /// Returns the ball's circle in the [first](Self::first) picture, `stated` or searched, and its outline,
-    /// to which that circle has been fitted. A stated circle of which too little is visible is believed.
+    /// Returns the ball's circle in the [first](Self::first) picture, searched or near the `stated` one, and its
+    /// outline. A stated circle of which too little is visible is believed.
     ///
     /// # Errors
     /// No ball is found, or the stated circle is outside the picture.
     pub fn ball(&self, stated: Option<Circle>) -> Result<(Circle, FoundBall), PhotoError> {
         let first = self.with_ball.first().ok_or_else(|| no_ball(&self.empty))?;
-        let circle = match stated {
-            Some(circle) => inside(circle, &first.photograph)?,
-            None => found(&self.empty, first)?,
+        let sight = Sight {
+            with: &first.photograph.picture,
+            without: &self.empty.picture,
+            shift: first.shift,
+            gain: self.gain,
+            camera: &self.camera,
         };
-        let pictures = [&first.photograph.picture, &self.empty.picture];
-        match ball::cone(pictures, &self.camera, circle, first.shift) {
-            found if found.is_fitted || stated.is_some() => Ok((circle, found)),
-            _ => Err(no_ball(&first.photograph)),
+        let ball = match stated {
+            Some(circle) => sight.cone_by_eye(inside(circle, &first.photograph)?),
+            None => sight.cone(found(&self.empty, first)?),
+        };
+        if stated.is_none() && !ball.is_fitted {
+            return Err(no_ball(&first.photograph));
         }
+        let circle = Circle {
+            centre: ball.circle.centre + self.shift(),
+            ..ball.circle
+        };
+        Ok((circle, ball))
     }
 
     /// Places camera and ground by what `options` state.

@@ -70,14 +70,16 @@ impl Photograph {
         (size - 1.0) / 2.0
     }
 
-    /// Reduces the picture to at most `max_side` pixels along its longer side, by whole blocks.
-    pub fn reduce(&mut self, max_side: u32) {
+    /// Reduces the picture to at most `max_side` pixels along its longer side, by whole blocks. Returns the side of
+    /// a block, pixels.
+    pub fn reduce(&mut self, max_side: u32) -> u32 {
         let side = self.picture.width.max(self.picture.height);
         let factor = side.div_ceil(max_side.max(1)).max(1);
         if factor > 1 {
             self.picture = reduced(&self.picture, factor);
             self.focal = self.focal.map(|f| f / f64::from(factor));
         }
+        factor
     }
 }
 

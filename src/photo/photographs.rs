@@ -1,6 +1,7 @@
 //! Photographs that lie on one another: all that does not depend on where ball and ground are.
 
 use crate::align::shift;
+use crate::ball;
 use crate::error::PhotoError;
 use crate::photograph::Photograph;
 use crate::tone::{self, ExposuresFrom, Tone};
@@ -21,6 +22,8 @@ const DARKER: f64 = 2.0;
 pub struct Photographs {
     pub(crate) empty: Arc<Photograph>,
     pub(crate) with_ball: Vec<Shifted>,
+    /// Factor from the codes of the picture without the ball to those of the first with it.
+    pub(crate) gain: Option<f64>,
     pub(crate) camera: PinholeCamera,
     pub(crate) is_lens_assumed: bool,
     pub(crate) exposures_from: ExposuresFrom,
@@ -52,8 +55,10 @@ impl Photographs {
             .iter()
             .map(|b| (&b.photograph.picture, b.ev, b.shift))
             .collect();
+        let first = with_ball.first();
         Ok(Self {
             tone: tone::tone(&series),
+            gain: first.and_then(|b| ball::gain(&empty.picture, &b.photograph.picture)),
             empty: Arc::new(empty),
             with_ball,
             camera,
