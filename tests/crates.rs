@@ -141,6 +141,10 @@ const ALLOWED: &[(&str, &[&str])] = &[
             "calibration",
         ],
     ),
+    (
+        "photo-page",
+        &["interface", "picture", "lighting", "photo", "status"],
+    ),
     // Connects everything.
     (
         "rig",
@@ -180,6 +184,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
             "scene",
             "fiducials",
             "photo",
+            "photo-page",
             "rig-model",
             "calibration",
             "compositor",

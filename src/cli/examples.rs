@@ -115,6 +115,10 @@ const EXAMPLES: &[(&str, &[(&str, &str)])] = &[
                 "from photographs with a phone; the ball in two exposures",
             ),
             (
+                "penumbra photo empty.jpg ball.jpg --ball-diameter 80mm --browser -o composite.png",
+                "the same; ball and ground are adjusted in the browser",
+            ),
+            (
                 "penumbra photo empty.jpg ball.jpg --ball-diameter 8cm --tag tag36h11:60mm --scene scene.toml --found found.png -o composite.png",
                 "own objects on the ground of a printed tag, and a picture of what was found",
             ),

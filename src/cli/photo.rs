@@ -1,17 +1,20 @@
 //! `penumbra photo`.
 
+mod browser;
+mod describe;
+
 use super::files;
 use super::progress::Watch;
 use anyhow::{Context, anyhow, bail};
 use clap::Args;
+use describe::{describe, describe_check};
 use glam::DVec2;
 use penumbra_compositor::Gpu;
 use penumbra_config::{Config, Quality, ReplaySpeed};
 use penumbra_fiducials::Family;
 use penumbra_lighting::Circle;
 use penumbra_photo::{
-    ASSUMED_FIELD_OF_VIEW_DEGREES, ASSUMED_REFLECTANCE, Analysis, ExposuresFrom, GroundFrom,
-    PhotoOptions, Photograph, Placement, PrintedTag, ShadowCheck,
+    ASSUMED_REFLECTANCE, Analysis, PhotoOptions, Photograph, Photographs, PrintedTag,
 };
 use penumbra_picture::Picture;
 use penumbra_rig::{RunOptions, Runner, Source, live_settings};
@@ -25,8 +28,6 @@ use std::sync::atomic::AtomicBool;
 
 /// What is shown without `--scene`: a golden ring, a cone and a small ball.
 const SCENE: &str = include_str!("../../config/scene.toml");
-/// Ratio of the depths of two shadows that agree.
-const AGREES: f64 = 0.6;
 /// Maximum number of pictures of the ball.
 const MAX_BALLS: usize = 16;
 
@@ -84,6 +85,9 @@ pub struct PhotoArgs {
     /// Maximum side of the composite, pixels
     #[arg(long, value_name = "PIXELS", default_value_t = 1920, value_parser = clap::value_parser!(u32).range(64..=8192))]
     size: u32,
+    /// Adjust the ball and the ground in the browser, look at the composite, and adjust again
+    #[arg(long)]
+    browser: bool,
     /// Write the picture of the ball with what was found: its outline, the ground
     #[arg(long, value_name = "FILE.png")]
     found: Option<PathBuf>,
@@ -101,33 +105,23 @@ pub fn run(args: &PhotoArgs) -> anyhow::Result<ExitCode> {
     for path in outputs.into_iter().flatten() {
         files::claim(path, args.force)?;
     }
-    let analysis = analyse(args)?;
+    let (photographs, options) = read(args)?;
+    if args.browser {
+        return browser::run(args, photographs, options);
+    }
+    let analysis = photographs.analyse(&options)?;
     describe(&analysis).into_iter().for_each(super::say);
     if let Some(path) = &args.found {
         files::write(path, &penumbra_photo::png(&analysis.drawn())?, args.force)?;
     }
-    let folder = tempfile::tempdir().context("no temporary folder can be created")?;
-    let session = folder.path().join("photographs.mcap");
-    analysis.write_session(&session, args.size)?;
-    if let Some(path) = &args.session {
-        let bytes = std::fs::read(&session)
-            .map_err(|e| anyhow!("{}: cannot be read ({e})", session.display()))?;
-        files::write(path, &bytes, args.force)?;
-    }
-    let scene = match &args.scene {
-        Some(scene) => scene.clone(),
-        None => written(folder.path(), "scene.toml", SCENE)?,
-    };
-    let picture = compose(&session, &scene, &folder.path().join("picture"))?;
-    files::write(&args.out, &picture, args.force)?;
-    let ball = written(folder.path(), "ball.toml", &ball_scene(&analysis))?;
-    let with_ball = compose(&session, &ball, &folder.path().join("ball"))?;
-    let check = analysis.check(&Picture::from_file_bytes(&with_ball)?);
-    super::say(describe_check(check));
+    let composed = Composed::new(args, &analysis, &Arc::default())?;
+    composed.write(args)?;
+    super::say(composed.check);
     Ok(ExitCode::SUCCESS)
 }
 
-fn analyse(args: &PhotoArgs) -> anyhow::Result<Analysis> {
+/// Reads and aligns the photographs; returns them with what the user states.
+fn read(args: &PhotoArgs) -> anyhow::Result<(Photographs, PhotoOptions)> {
     let (count, stated) = (args.balls.len() + 1, args.exposures.as_deref());
     if let Some(stated) = stated.filter(|stated| stated.len() != count) {
         bail!(
@@ -154,11 +148,63 @@ fn analyse(args: &PhotoArgs) -> anyhow::Result<Analysis> {
         rectangle: args.ground.map(|Corners(corners)| corners),
         exposures: args.exposures.clone(),
     };
-    Ok(Analysis::new(empty, balls, &options)?)
+    Ok((Photographs::new(empty, balls, &options)?, options))
+}
+
+/// A composed picture.
+struct Composed {
+    /// The PNG file.
+    picture: Vec<u8>,
+    /// The session, if it shall be kept.
+    session: Option<Vec<u8>>,
+    /// How the shadow of the ball agrees, in a line.
+    check: String,
+}
+
+impl Composed {
+    /// Composes the picture and puts the ball back, until `shutdown` is set.
+    fn new(
+        args: &PhotoArgs,
+        analysis: &Analysis,
+        shutdown: &Arc<AtomicBool>,
+    ) -> anyhow::Result<Self> {
+        let folder = tempfile::tempdir().context("no temporary folder can be created")?;
+        let session = folder.path().join("photographs.mcap");
+        analysis.write_session(&session, args.size)?;
+        let kept = args.session.as_ref().map(|_| std::fs::read(&session));
+        let kept = kept.transpose();
+        let kept = kept.map_err(|e| anyhow!("{}: cannot be read ({e})", session.display()))?;
+        let scene = match &args.scene {
+            Some(scene) => scene.clone(),
+            None => written(folder.path(), "scene.toml", SCENE)?,
+        };
+        let picture = compose(&session, &scene, &folder.path().join("picture"), shutdown)?;
+        let ball = written(folder.path(), "ball.toml", &ball_scene(analysis))?;
+        let with_ball = compose(&session, &ball, &folder.path().join("ball"), shutdown)?;
+        let check = analysis.check(&Picture::from_file_bytes(&with_ball)?);
+        Ok(Self {
+            picture,
+            session: kept,
+            check: describe_check(check),
+        })
+    }
+
+    /// Writes the picture, and the session if it shall be kept.
+    fn write(&self, args: &PhotoArgs) -> anyhow::Result<()> {
+        if let (Some(path), Some(session)) = (&args.session, &self.session) {
+            files::write(path, session, args.force)?;
+        }
+        files::write(&args.out, &self.picture, args.force)
+    }
 }
 
 /// Composes one picture of a session at best quality. Returns the PNG file.
-fn compose(session: &Path, scene: &Path, frames: &Path) -> anyhow::Result<Vec<u8>> {
+fn compose(
+    session: &Path,
+    scene: &Path,
+    frames: &Path,
+    shutdown: &Arc<AtomicBool>,
+) -> anyhow::Result<Vec<u8>> {
     let mut config = Config {
         scene: SceneChoice::from_text(&scene.display().to_string()),
         ..Config::default()
@@ -178,9 +224,8 @@ fn compose(session: &Path, scene: &Path, frames: &Path) -> anyhow::Result<Vec<u8
         Some(shared.snapshot().frames.composed as f64)
     })?;
     let source = Source::Recorded(Session::open(session)?);
-    let shutdown = Arc::new(AtomicBool::new(false));
     let gpu = Gpu::open(config.gpu.adapter.as_deref())?;
-    Runner::new(source, config, options, status, shutdown)?.run(gpu, None)?;
+    Runner::new(source, config, options, status, Arc::clone(shutdown))?.run(gpu, None)?;
     drop(watch);
     let mut written = std::fs::read_dir(frames)?;
     let first = written
@@ -205,123 +250,6 @@ fn written(folder: &Path, name: &str, text: &str) -> anyhow::Result<PathBuf> {
     std::fs::write(&path, text)
         .map_err(|e| anyhow!("{}: cannot be written ({e})", path.display()))?;
     Ok(path)
-}
-
-/// Returns what was found, a line each.
-fn describe(analysis: &Analysis) -> Vec<String> {
-    let circle = analysis.ball.circle;
-    let distance = analysis.ball.centre(analysis.ball_radius).length();
-    let believed = if analysis.ball.is_fitted {
-        ""
-    } else {
-        ", believed all the same"
-    };
-    let mut lines = vec![format!(
-        "ball: centre {:.0}, {:.0}, radius {:.0} pixels; {:.0} % of its outline seen{believed}; {distance:.2} m \
-         from the camera",
-        circle.centre.x,
-        circle.centre.y,
-        circle.radius,
-        100.0 * analysis.ball.support,
-    )];
-    let angle = 2.0
-        * (f64::from(analysis.camera.width.max(analysis.camera.height))
-            / (2.0 * analysis.camera.focal.x))
-            .atan()
-            .to_degrees();
-    lines.push(match analysis.is_lens_assumed {
-        true => format!(
-            "lens: EXIF tells none, or an impossible one; {ASSUMED_FIELD_OF_VIEW_DEGREES}° along the longer side assumed \
-             (--fov)"
-        ),
-        false => format!("lens: {angle:.1}° along the longer side"),
-    });
-    lines.push(describe_ground(&analysis.placement));
-    lines.push(describe_exposures(analysis));
-    let clipped = analysis.clipped();
-    if clipped > 0 {
-        lines.push(format!(
-            "lamps: {clipped} pixels of the ball are white in its darkest picture; shadows come out too \
-             faint: add a darker exposure"
-        ));
-    }
-    let profiles = std::iter::once(&analysis.empty)
-        .chain(analysis.balls.iter().map(|b| &b.photograph))
-        .find_map(|p| p.profile.as_ref());
-    lines.extend(profiles.map(|name| format!("colours: converted from {name} to sRGB")));
-    lines
-}
-
-fn describe_ground(placement: &Placement) -> String {
-    let tilt = placement.tilt_degrees;
-    match placement.ground {
-        GroundFrom::Tag => format!("ground: from the tag; the camera looks down by {tilt:.1}°"),
-        GroundFrom::Rectangle { sigma_degrees } => format!(
-            "ground: from the rectangle; the camera looks down by {tilt:.1}° and is rolled by {:.1}° \
-             (± {sigma_degrees:.1}° if the corners are wrong by a 2000th of the picture)",
-            placement.roll_degrees
-        ),
-        GroundFrom::Stated => format!("ground: the camera looks down by {tilt:.1}°, as stated"),
-        GroundFrom::Assumed => format!(
-            "ground: the camera is assumed to look down by {tilt:.0}°; state it with --tilt, or point at a \
-             rectangle on the ground (--ground, --browser), or put a printed tag there (--tag)"
-        ),
-    }
-}
-
-fn describe_exposures(analysis: &Analysis) -> String {
-    let balls = analysis.by_exposure();
-    let stops: Vec<String> = balls.iter().map(|b| format!("{:+.1}", b.ev)).collect();
-    let from = match analysis.exposures_from {
-        ExposuresFrom::Stated => "",
-        ExposuresFrom::Pictures => {
-            ", estimated from the pictures, since EXIF tells none (--exposures)"
-        }
-        ExposuresFrom::Contradicted => {
-            ", estimated from the pictures, which contradict EXIF: were they edited? (--exposures)"
-        }
-    };
-    let tone = match (&analysis.tone.refused, analysis.tone.exposures) {
-        (Some(reason), _) => format!("tone curve: sRGB's, for {reason}"),
-        (None, 0) => {
-            "tone curve: sRGB's; two or more exposures of the ball would tell it".to_owned()
-        }
-        (None, n) => format!(
-            "tone curve: measured from {n} exposures, {:.0} % from sRGB's",
-            100.0 * analysis.tone.from_srgb
-        ),
-    };
-    format!(
-        "exposures of the ball: {} stops from the empty picture's{from}; {tone}",
-        stops.join(", ")
-    )
-}
-
-fn describe_check(check: Option<ShadowCheck>) -> String {
-    match check {
-        Some(check) => format!(
-            "check: the ball put back throws a shadow of {:.1} %, in the photograph it is {:.1} % \
-             (they differ by {:.1} % rms){}",
-            100.0 * check.composite,
-            100.0 * check.real,
-            100.0 * check.difference,
-            advice(&check)
-        ),
-        None => "check: the ball throws no shadow that can be measured".to_owned(),
-    }
-}
-
-/// What to do where the shadows disagree.
-fn advice(check: &ShadowCheck) -> &'static str {
-    if check.composite < AGREES * check.real {
-        "; the light is wrong, shadows are too faint: the ball is dirty or not mirrored, lamps are white in \
-         its darkest picture, or the exposures are not as stated (--exposures)"
-    } else if check.real < AGREES * check.composite {
-        "; the light is wrong, shadows are too deep: the exposures are not as stated (--exposures), or the \
-         ground does not lie as stated (--tilt, --ground, --tag)"
-    } else {
-        ""
-    }
 }
 
 /// Parses a length with its unit: metres.

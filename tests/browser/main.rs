@@ -6,6 +6,7 @@ mod guide;
 mod health;
 mod layout;
 mod objects;
+mod photo;
 mod picture;
 mod playback;
 mod scenes;

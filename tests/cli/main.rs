@@ -12,6 +12,7 @@ mod display;
 mod live;
 mod live_tracker;
 mod photo;
+mod photo_page;
 mod program;
 mod refusals;
 mod reload;

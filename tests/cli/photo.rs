@@ -10,7 +10,7 @@ fn photograph(name: &str) -> String {
 }
 
 /// The arguments of the photographs with the ball, in `exposures` exposures.
-fn pictures(exposures: usize) -> String {
+pub fn pictures(exposures: usize) -> String {
     let names = (1..=exposures).map(|k| photograph(&format!("ball{k}.jpg")));
     let names: Vec<String> = std::iter::once(photograph("empty.jpg"))
         .chain(names)
@@ -105,7 +105,7 @@ fn on_the_table(x: f64, y: f64) -> [f64; 2] {
 }
 
 /// `--ground` of a sheet of 30 × 21 cm that lies aslant on the table.
-fn sheet() -> String {
+pub fn sheet() -> String {
     let (sin, cos) = 0.44f64.sin_cos();
     let corners = [(-0.15, -0.1), (0.15, -0.1), (0.15, 0.11), (-0.15, 0.11)]
         .map(|(u, v)| on_the_table(u * cos - v * sin, u * sin + v * cos));

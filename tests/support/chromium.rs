@@ -153,6 +153,21 @@ impl Chromium {
         );
     }
 
+    /// Moves a finger from one point of the visible part to another.
+    pub fn swipe(&mut self, from: [f64; 2], to: [f64; 2]) {
+        let mut touch = |kind: &str, points: Value| {
+            let event = json!({"type": kind, "touchPoints": points});
+            self.call("Input.dispatchTouchEvent", event);
+        };
+        touch("touchStart", json!([{"x": from[0], "y": from[1]}]));
+        for step in 1..=10 {
+            let share = f64::from(step) / 10.0;
+            let [x, y] = [0, 1].map(|i| from[i] + share * (to[i] - from[i]));
+            touch("touchMove", json!([{"x": x, "y": y}]));
+        }
+        touch("touchEnd", json!([]));
+    }
+
     /// Moves the mouse with the button pressed from one point of the visible part to another.
     pub fn drag(&mut self, from: [f64; 2], to: [f64; 2]) {
         let mut mouse = |kind: &str, [x, y]: [f64; 2]| {

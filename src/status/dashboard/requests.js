@@ -1,9 +1,9 @@
-// Requests to the rig.
+// Requests to the program.
 
-/** Posts JSON and returns the answer; throws the rig's reason if it refuses. */
+/** Posts JSON and returns the answer; throws its reason if it refuses. */
 export const post = (path, body) => send(path, 'application/json', JSON.stringify(body), 10_000);
 
-/** Posts a file and returns the answer; throws the rig's reason if it refuses. */
+/** Posts a file and returns the answer; throws its reason if it refuses. */
 export const upload = (path, file) => send(path, 'application/octet-stream', file, 120_000);
 
 async function send(path, type, body, limitMs) {
@@ -16,9 +16,9 @@ async function send(path, type, body, limitMs) {
       signal: AbortSignal.timeout(limitMs),
     });
   } catch {
-    throw new Error('No answer from the rig; nothing was changed.');
+    throw new Error('No answer from Penumbra; nothing was changed.');
   }
   const answer = await response.json().catch(() => ({}));
-  if (!response.ok) throw new Error(answer.error ?? `The rig answers with an error (${response.status}).`);
+  if (!response.ok) throw new Error(answer.error ?? `Penumbra answers with an error (${response.status}).`);
   return answer;
 }
