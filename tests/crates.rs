@@ -141,10 +141,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
             "calibration",
         ],
     ),
-    (
-        "photo-page",
-        &["interface", "picture", "lighting", "photo", "status"],
-    ),
+    ("photo-page", &["picture", "lighting", "photo", "status"]),
     // Connects everything.
     (
         "rig",

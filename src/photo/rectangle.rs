@@ -118,8 +118,7 @@ pub fn ground(
         variances += DVec2::new(turned, skew_moved - skew).powf(2.0);
     }
     let sigma = DVec2::new(variances.x.sqrt(), variances.y.sqrt());
-    // Not `>`, so that a direction that is no number is refused.
-    if !(sigma.x <= MAX_ERROR_DEGREES) {
+    if sigma.x.is_nan() || sigma.x > MAX_ERROR_DEGREES {
         let degrees = sigma.x.min(90.0);
         return Err(RectangleError::TooSmall { pixels, degrees });
     }

@@ -12,7 +12,6 @@ pub const CSS: &str = "text/css; charset=utf-8";
 pub const SCRIPT: &str = "text/javascript; charset=utf-8";
 
 /// Answers with a file that is part of the program.
-#[expect(clippy::unused_async, reason = "a handler")]
 pub async fn asset(content_type: &'static str, text: &'static str) -> Response {
     ([(header::CONTENT_TYPE, content_type)], text).into_response()
 }
