@@ -16,8 +16,6 @@ pub async fn asset(content_type: &'static str, text: &'static str) -> Response {
     ([(header::CONTENT_TYPE, content_type)], text).into_response()
 }
 
-const NO_FILE: &str = "there is no such file; the page is at /\n";
-
 /// A file of the dashboard: name, content.
 macro_rules! file {
     ($name:literal) => {
@@ -56,17 +54,18 @@ const FILES: [(&str, &str); 27] = [
     file!("theme.js"),
 ];
 
-/// The routes of the dashboard's files, which other pages use, too.
-pub fn files<S: Clone + Send + Sync + 'static>() -> Router<S> {
+/// The routes of the dashboard's files, which other pages use, too. `missing` is the answer to other names.
+pub fn files<S: Clone + Send + Sync + 'static>(missing: &'static str) -> Router<S> {
+    let file = move |name| dashboard_file(name, missing);
     Router::new()
-        .route("/dashboard/{file}", get(dashboard_file))
+        .route("/dashboard/{file}", get(file))
         // Browsers ask for it on pages that name no icon, such as /status.
         .route("/favicon.ico", get(|| async { StatusCode::NO_CONTENT }))
 }
 
-async fn dashboard_file(Path(file): Path<String>) -> Response {
+async fn dashboard_file(Path(file): Path<String>, missing: &'static str) -> Response {
     let Some((name, text)) = FILES.iter().find(|(name, _)| *name == file) else {
-        return (StatusCode::NOT_FOUND, NO_FILE).into_response();
+        return (StatusCode::NOT_FOUND, missing).into_response();
     };
     let content_type = match name.rsplit_once('.') {
         Some((_, "css")) => CSS,

@@ -35,7 +35,7 @@ const SNAPSHOT_WAIT: Duration = Duration::from_millis(700);
 /// All routes behind the guard.
 pub fn router(app: App, token: Option<Arc<Token>>) -> Router {
     let gate = Gate::new(token, app.limits.viewers);
-    let routes = files()
+    let routes = files(NOT_FOUND)
         .route(
             "/",
             get(|| asset(HTML, include_str!("dashboard/dashboard.html"))),

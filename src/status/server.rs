@@ -44,6 +44,9 @@ const BUFFER_BYTES: usize = 64 * 1024;
 /// 4 MB for each viewer that does not read, and to pictures that are seconds old for a slow one.
 const SEND_BUFFER_BYTES: usize = 192 * 1024;
 
+/// Answer of a page to names that are none of its files.
+const NO_FILE: &str = "there is no such file; the page is at /\n";
+
 /// The server could not be set up.
 #[derive(Debug, Error)]
 pub enum StatusError {
@@ -105,7 +108,7 @@ impl PageServer {
             listener,
             local_addr,
             address,
-            router: guarded(routes.merge(files()), gate),
+            router: guarded(routes.merge(files(NO_FILE)), gate),
         })
     }
 
