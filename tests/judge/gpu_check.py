@@ -119,7 +119,7 @@ def steps(a: argparse.Namespace) -> list[Step]:
     program, adapter = str(a.penumbra.resolve()), ["--adapter", a.adapter] if a.adapter else []
     frames = ["--frames", "2"] if a.short else []
     # The time-out of a live rig grows with the number of pictures.
-    live_frames = ["--frames", "40"] if a.short else []
+    live_frames = ["--frames", "12"] if a.short else []
 
     def bench(case: str, report: Path, *arguments: str) -> list[str]:
         counts = live_frames if case == "live" else frames
