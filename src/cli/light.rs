@@ -4,8 +4,11 @@ use super::files::refuse_overwriting;
 use super::progress::Progress;
 use anyhow::{anyhow, bail};
 use clap::Args;
+use glam::Vec3;
 use penumbra_config::Config;
+use penumbra_lighting::adaptive::CompactSource;
 use penumbra_lighting::photograph::{PhotographKind, SurroundingsCircle};
+use penumbra_lighting::place::LampDistance;
 use penumbra_lighting::{Circle, LightReport};
 use penumbra_rig::light::report::light_of_session;
 use penumbra_session::Session;
@@ -110,26 +113,53 @@ fn describe(report: &LightReport) -> String {
     if let Some((found, _)) = &report.photograph {
         let _ = writeln!(text, "{}", describe_circle(found));
     }
-    for source in &report.lighting.radiance.compact_sources {
-        if let Some(at) = source.place.position(source.direction) {
-            let distance = source.place.inverse_distance.recip();
-            let _ = writeln!(
-                text,
-                "lamp at ({:.2}, {:.2}, {:.2}) m, {distance:.2} m away",
-                at.x, at.y, at.z
-            );
-        }
+    for lamp in &report.lamps {
+        let _ = writeln!(text, "{}", describe_lamp(&lamp.source));
     }
-    let d = report.dominant_direction;
     let _ = write!(
         text,
-        "dominant light at azimuth {:.1}°, elevation {:.1}°; {} dome lights, {} clipped pixels",
-        d.y.atan2(d.x).to_degrees(),
-        d.z.clamp(-1.0, 1.0).asin().to_degrees(),
+        "dominant light at {}; {} dome lights, {} clipped pixels",
+        describe_direction(report.dominant_direction),
         report.lighting.lights.len(),
         report.clipped_pixels
     );
     text
+}
+
+/// Describes a compact source as the environment camera sees it.
+fn describe_lamp(source: &CompactSource) -> String {
+    let LampDistance { inverse, sigma } = source.distance;
+    let direction = describe_direction(source.direction);
+    let mut text = match source.position {
+        Some(at) if inverse > 0.0 => format!(
+            "lamp at ({:.2}, {:.2}, {:.2}) m, {:.2} ± {:.2} m from the environment camera, {direction}",
+            at.x,
+            at.y,
+            at.z,
+            inverse.recip(),
+            sigma / (inverse * inverse)
+        ),
+        _ => format!("lamp at {direction}, how far is not known: it counts as infinitely far"),
+    };
+    if source.clipped > 0.0 {
+        let _ = write!(
+            text,
+            "; {:.0} % of its light is in clipped pixels",
+            100.0 * source.clipped.min(1.0)
+        );
+    }
+    if source.is_unseen {
+        text.push_str("; the environment camera does not see it, real shadows show it");
+    }
+    text
+}
+
+fn describe_direction(d: Vec3) -> String {
+    format!(
+        "azimuth {:.1}°, elevation {:.1}°",
+        d.y.atan2(d.x).to_degrees(),
+        d.z.clamp(-1.0, 1.0).asin().to_degrees()
+    )
 }
 
 fn describe_circle(found: &SurroundingsCircle) -> String {

@@ -14,9 +14,10 @@ use penumbra_config::{Config, Quality, ReplaySpeed};
 use penumbra_fiducials::Family;
 use penumbra_lighting::Circle;
 use penumbra_photo::{
-    ASSUMED_REFLECTANCE, Analysis, PhotoOptions, Photograph, Photographs, PrintedTag,
+    ASSUMED_REFLECTANCE, Analysis, GroundFrom, PhotoOptions, Photograph, Photographs, PrintedTag,
 };
 use penumbra_picture::Picture;
+use penumbra_rig::light::report::light_of_session;
 use penumbra_rig::{RunOptions, Runner, Source, live_settings};
 use penumbra_scene::SceneChoice;
 use penumbra_session::Session;
@@ -28,6 +29,8 @@ use std::sync::atomic::AtomicBool;
 
 /// What is shown without `--scene`: a golden ring, a cone and a small ball.
 const SCENE: &str = include_str!("../../config/scene.toml");
+/// Times that the light is found anew with what the shadow tells.
+const LOOKS: usize = 5;
 /// Maximum number of pictures of the ball.
 const MAX_BALLS: usize = 16;
 
@@ -109,12 +112,12 @@ pub fn run(args: &PhotoArgs) -> anyhow::Result<ExitCode> {
     if args.browser {
         return browser::run(args, photographs, options);
     }
-    let analysis = photographs.analyse(&options)?;
+    let mut analysis = photographs.analyse(&options)?;
+    let composed = Composed::new(args, &mut analysis, &Arc::default())?;
     describe(&analysis).into_iter().for_each(super::say);
     if let Some(path) = &args.found {
         files::write(path, &penumbra_photo::png(&analysis.drawn())?, args.force)?;
     }
-    let composed = Composed::new(args, &analysis, &Arc::default())?;
     composed.write(args)?;
     super::say(composed.check);
     Ok(ExitCode::SUCCESS)
@@ -162,15 +165,15 @@ struct Composed {
 }
 
 impl Composed {
-    /// Composes the picture and puts the ball back, until `shutdown` is set.
+    /// Composes the picture with what the ball's shadow tells, and puts the ball back, until `shutdown` is set.
     fn new(
         args: &PhotoArgs,
-        analysis: &Analysis,
+        analysis: &mut Analysis,
         shutdown: &Arc<AtomicBool>,
     ) -> anyhow::Result<Self> {
         let folder = tempfile::tempdir().context("no temporary folder can be created")?;
         let session = folder.path().join("photographs.mcap");
-        analysis.write_session(&session, args.size)?;
+        write_session(analysis, &session, args.size)?;
         let kept = args.session.as_ref().map(|_| std::fs::read(&session));
         let kept = kept.transpose();
         let kept = kept.map_err(|e| anyhow!("{}: cannot be read ({e})", session.display()))?;
@@ -196,6 +199,25 @@ impl Composed {
         }
         files::write(&args.out, &self.picture, args.force)
     }
+}
+
+/// Writes the session, with what the ball's shadow tells of the ground and of lamps that are white in its darkest
+/// picture.
+fn write_session(analysis: &mut Analysis, path: &Path, size: u32) -> anyhow::Result<()> {
+    analysis.write_session(path, size)?;
+    if analysis.clipped() == 0 && analysis.placement.ground != GroundFrom::Assumed {
+        return Ok(());
+    }
+    for _ in 0..LOOKS {
+        let light = light_of_session(&Session::open(path)?, &Config::default(), |_| ())?;
+        if !analysis.learn_from_shadow(&light.lamps, &light.lighting.irradiance) {
+            break;
+        }
+        std::fs::remove_file(path)
+            .map_err(|e| anyhow!("{}: cannot be written anew ({e})", path.display()))?;
+        analysis.write_session(path, size)?;
+    }
+    Ok(())
 }
 
 /// Composes one picture of a session at best quality. Returns the PNG file.

@@ -1,15 +1,17 @@
 //! The estimated light as files: `penumbra light`.
 
 use super::ClippedEnergy;
+use super::adaptive::CompactSource;
 use super::circle::Circle;
 use super::equirect::{Equirect, preview};
 use super::estimator::EnvironmentEstimator;
 use super::hdr::Bracket;
+use super::lamp_distance::SeenLamp;
 use super::light::{DomeLight, LightKind, Lighting};
 use super::photograph::{
     PhotographCalibration, PhotographError, PhotographKind, SurroundingsCircle, read_picture,
 };
-use super::place::LightPlace;
+use super::place::{LampDistance, LightPlace};
 use super::settings::{EnvironmentError, EnvironmentInput, EnvironmentSettings};
 use super::sources::{LUMINANCE, SourceSettings};
 use glam::{DVec2, Mat3, Vec3};
@@ -41,6 +43,8 @@ pub struct LightReport {
     /// Unit vector towards the strongest compact source, or, if there is none, the mean of all
     /// light.
     pub dominant_direction: Vec3,
+    /// Lamps, windows, the sun: as the environment camera sees them, strongest first.
+    pub lamps: Vec<SeenLamp>,
     /// In a photograph: where it shows its surroundings, and the photograph with that circle drawn.
     pub photograph: Option<(SurroundingsCircle, Picture)>,
 }
@@ -180,6 +184,7 @@ impl LightReport {
             map: unwrap_view(&placed, estimator, &lighting, gains),
             clipped_pixels: estimator.clipped_pixels(),
             dominant_direction: dominant_direction(estimator, &lighting),
+            lamps: estimator.lamps(),
             lighting,
             photograph: None,
         })
@@ -192,6 +197,7 @@ impl LightReport {
             map: Equirect::from_cube(&lighting.radiance, ROWS),
             clipped_pixels: 0,
             dominant_direction: dominant_direction(estimator, &lighting),
+            lamps: estimator.lamps(),
             lighting,
             photograph: None,
         }
@@ -270,6 +276,11 @@ impl LightReport {
                     place: PlaceEntry::new(source.direction, &source.place),
                 })
                 .collect(),
+            lamps: self
+                .lamps
+                .iter()
+                .map(|lamp| LampEntry::new(&lamp.source))
+                .collect(),
             dome_lights: lighting
                 .lights
                 .iter()
@@ -309,6 +320,7 @@ struct Summary {
     irradiance: Axes,
     harmonics_without_compact_sources: [[f32; 3]; 9],
     compact_sources: Vec<SourceEntry>,
+    lamps: Vec<LampEntry>,
     dome_lights: Vec<LightEntry>,
     clipped_pixels: usize,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -379,7 +391,33 @@ impl PlaceEntry {
     }
 }
 
-/// A lamp, a window, the sun.
+/// A lamp as the environment camera sees it; the names are those of `lighting.lamps` of the status.
+#[derive(Serialize)]
+struct LampEntry {
+    direction: [f32; 3],
+    position: Option<[f64; 3]>,
+    distance_m: Option<f32>,
+    distance_sigma_m: Option<f32>,
+    clipped: f32,
+    unseen: bool,
+}
+
+impl LampEntry {
+    fn new(source: &CompactSource) -> Self {
+        let LampDistance { inverse, sigma } = source.distance;
+        let is_near = source.position.is_some() && inverse > 0.0;
+        Self {
+            direction: source.direction.to_array(),
+            position: source.position.map(|at| at.to_array()),
+            distance_m: is_near.then(|| inverse.recip()),
+            distance_sigma_m: is_near.then(|| sigma / (inverse * inverse)),
+            clipped: source.clipped.clamp(0.0, 1.0),
+            unseen: source.is_unseen,
+        }
+    }
+}
+
+/// A lamp, a window, the sun, as it lights the objects.
 #[derive(Serialize)]
 struct SourceEntry {
     direction: [f32; 3],

@@ -10,18 +10,21 @@ mod align;
 mod ball;
 mod check;
 mod draw;
+mod energy;
 mod error;
 mod photograph;
 mod photographs;
 mod placement;
 mod rectangle;
 mod session;
+mod shadow;
 mod tone;
 
 pub use align::{Shift, shift};
 pub use ball::FoundBall;
 pub use check::ShadowCheck;
 pub use draw::Line;
+pub use energy::RaisedLamp;
 pub use error::PhotoError;
 pub use photograph::Photograph;
 pub use photographs::Photographs;
@@ -104,6 +107,8 @@ pub struct Analysis {
     pub ball_radius: f64,
     /// Linear reflectance of the ball.
     pub reflectance: [f32; 3],
+    /// Lamps that are brighter than the pictures show.
+    pub raised: Vec<RaisedLamp>,
 }
 
 impl Analysis {
@@ -139,6 +144,7 @@ impl Photographs {
             tone: self.tone.clone(),
             ball_radius: options.ball_radius,
             reflectance: options.reflectance,
+            raised: Vec::new(),
         })
     }
 

@@ -28,6 +28,11 @@ pub enum GroundFrom {
     },
     /// The user states how far the camera looked down.
     Stated,
+    /// From where the ball's shadow falls.
+    Shadow {
+        /// Standard error of the camera's tilt, degrees.
+        sigma_degrees: f64,
+    },
     /// Assumed: see [`ASSUMED_TILT_DEGREES`].
     Assumed,
 }

@@ -22,11 +22,18 @@ const MAX_BALL_SIDE: u32 = 1024;
 const TIMES: [f64; 2] = [1.0, 1.5];
 
 /// A part of a picture: its origin, and the factor by which it is reduced.
-struct Crop {
+pub(crate) struct Crop {
     x: u32,
     y: u32,
     side: u32,
-    factor: u32,
+    pub factor: u32,
+}
+
+impl Crop {
+    /// Its first pixel in the picture.
+    pub fn origin(&self) -> DVec2 {
+        DVec2::new(f64::from(self.x), f64::from(self.y))
+    }
 }
 
 impl Analysis {
@@ -40,17 +47,22 @@ impl Analysis {
         let mut scene = Photograph::clone(&self.empty);
         scene.reduce(max_side);
         let factor = f64::from(self.camera.width) / f64::from(scene.picture.width);
-        let rig = self.rig(&scene.picture, factor.round(), &crop);
+        let darker = self.darker();
+        let darker_ev = darker.as_ref().map(|(_, ev)| ev - self.base_ev());
+        let rig = self.rig(&scene.picture, factor.round(), (&crop, darker_ev));
         let mut writer = SessionWriter::create(path)?;
         writer.attach("rig.json", format!("{rig:#}\n").as_bytes())?;
         let radiometric = format!("{:#}\n", self.radiometric());
         writer.attach("calibration/radiometric.json", radiometric.as_bytes())?;
         let scene = png(&scene.picture)?;
         let balls = self.balls.iter().map(|ball| {
-            let picture = cropped(&ball.photograph.picture, &self.crop_of(ball, &crop));
+            let picture = cropped(&ball.photograph.picture, &self.crop_of(ball));
             Ok((png(&picture)?, ball.ev - self.base_ev()))
         });
-        let balls: Vec<(Vec<u8>, f64)> = balls.collect::<Result<_, PhotoError>>()?;
+        let mut balls: Vec<(Vec<u8>, f64)> = balls.collect::<Result<_, PhotoError>>()?;
+        if let (Some((picture, _)), Some(ev)) = (&darker, darker_ev) {
+            balls.push((png(picture)?, ev));
+        }
         for (k, seconds) in TIMES.into_iter().enumerate() {
             let at = MonotonicTime::from_nanos((1e9 * seconds) as i64);
             // Before and after the picture, so that nothing is extrapolated.
@@ -94,7 +106,8 @@ impl Analysis {
     }
 
     /// Returns the same part of the scene in another picture, which is shifted.
-    fn crop_of(&self, ball: &BallPicture, crop: &Crop) -> Crop {
+    pub(crate) fn crop_of(&self, ball: &BallPicture) -> Crop {
+        let crop = self.crop();
         let first = self.balls.first().map_or(ball.shift, |b| b.shift);
         let moved = (ball.shift - first).as_i64vec2();
         let max = |size: u32| i64::from(size - crop.side);
@@ -103,11 +116,11 @@ impl Analysis {
         Crop {
             x: x as u32,
             y: y as u32,
-            ..*crop
+            ..crop
         }
     }
 
-    fn rig(&self, scene: &Picture, factor: f64, crop: &Crop) -> Value {
+    fn rig(&self, scene: &Picture, factor: f64, (crop, darker): (&Crop, Option<f64>)) -> Value {
         let reduced = |p: DVec2, by: f64| (p + 0.5) / by - 0.5;
         let k = |focal: f64, centre: DVec2| {
             json!([
@@ -119,7 +132,7 @@ impl Analysis {
         let focal = self.camera.focal.x;
         let centre = reduced(self.camera.centre, factor);
         let by = f64::from(crop.factor);
-        let origin = DVec2::new(f64::from(crop.x), f64::from(crop.y));
+        let origin = crop.origin();
         let shift = self
             .balls
             .first()
@@ -131,6 +144,7 @@ impl Analysis {
         let base = self.base_ev();
         let mut brackets: Vec<f64> = self.balls.iter().map(|b| b.ev - base).collect();
         brackets.retain(|ev| *ev != 0.0);
+        brackets.extend(darker);
         let ball = self.placement.ball;
         json!({
             "name": "photographs",
@@ -183,7 +197,7 @@ fn rows(matrix: DMat4) -> [[f64; 4]; 4] {
     matrix.transpose().to_cols_array_2d()
 }
 
-fn cropped(picture: &Picture, crop: &Crop) -> Picture {
+pub(crate) fn cropped(picture: &Picture, crop: &Crop) -> Picture {
     let width = picture.width as usize;
     let rows = (crop.y..crop.y + crop.side).flat_map(|y| {
         let start = 4 * (y as usize * width + crop.x as usize);

@@ -92,6 +92,18 @@ fn composite_of_photographs_is_the_photograph_of_the_real_things() {
     );
     let found = read(desk.path("found.png"));
     assert_eq!((found.width, found.height), (480, 360));
+    // With one exposure the shadow tells how bright the lamps are, and how the ground lies.
+    let printed = desk.works(&format!(
+        "photo {} --ball-diameter 80mm --scene truth.toml -o one.png",
+        pictures(1)
+    ));
+    let ground = numbers(&printed, "ground: from where the ball's shadow falls");
+    assert!((ground[0] - 28.0).abs() < 3.0, "{printed}");
+    let (mean, _) = difference(&read(desk.path("one.png")), &truth, &empty);
+    assert!(
+        mean < 0.4 * without,
+        "{mean} codes, {without} without objects"
+    );
 }
 
 /// Where the renderer's camera sees a point on the table, pixels; metres from the ball's foot.

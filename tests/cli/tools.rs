@@ -254,6 +254,12 @@ fn writes_maps_and_lights_of_a_session() {
         "{d:?}"
     );
     assert!(!light["dome_lights"].as_array().unwrap().is_empty());
+    // A line for each lamp, those with a place with its uncertainty.
+    let lamps = light["lamps"].as_array().unwrap();
+    assert_eq!(printed.matches("lamp at").count(), lamps.len(), "{printed}");
+    let places = lamps.iter().filter(|l| l["distance_sigma_m"].is_f64());
+    assert_eq!(printed.matches(" ± ").count(), places.count(), "{printed}");
+    assert!(printed.contains(" ± "), "{printed}");
     let line = desk.refuses("light DESK --kind sphere --out other");
     assert!(line.contains("--kind"), "{line}");
 }

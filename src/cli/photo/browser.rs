@@ -1,10 +1,10 @@
 //! `penumbra photo --browser`: ball and ground are adjusted on a page, and the picture composed on request.
 
 use super::describe::describe;
-use super::{Composed, PhotoArgs};
+use super::{Composed, PhotoArgs, write_session};
 use crate::cli::{files, one_line, say};
 use anyhow::bail;
-use penumbra_photo::{Analysis, PhotoOptions, Photographs};
+use penumbra_photo::{Analysis, GroundFrom, PhotoOptions, Photographs};
 use penumbra_photo_page::{Adjustment, Composite, PhotoPage, Request};
 use penumbra_rig::service::Service;
 use penumbra_status::PageServer;
@@ -25,6 +25,7 @@ pub fn run(
     photographs: Photographs,
     options: PhotoOptions,
 ) -> anyhow::Result<ExitCode> {
+    let options = with_ground(args, &photographs, options);
     let page = PhotoPage::new(photographs, options, args.out.display().to_string())?;
     let server = PageServer::bind(page.routes())?;
     say(format_args!("adjust ball and ground: {}", server.address()));
@@ -52,6 +53,31 @@ pub fn run(
     bail!("interrupted; nothing was written")
 }
 
+/// Returns the options with the tilt that the ball's shadow tells, if nothing is stated and it can be told: the page
+/// begins with it.
+fn with_ground(args: &PhotoArgs, photographs: &Photographs, options: PhotoOptions) -> PhotoOptions {
+    let learned = || {
+        let mut analysis = photographs.analyse(&options).ok()?;
+        if analysis.placement.ground != GroundFrom::Assumed {
+            return None;
+        }
+        let folder = tempfile::tempdir().ok()?;
+        write_session(
+            &mut analysis,
+            &folder.path().join("photographs.mcap"),
+            args.size,
+        )
+        .ok()?;
+        let is_told = matches!(analysis.placement.ground, GroundFrom::Shadow { .. });
+        is_told.then(|| analysis.placement.tilt_degrees.round())
+    };
+    let tilt_degrees = options.tilt_degrees.or_else(learned);
+    PhotoOptions {
+        tilt_degrees,
+        ..options
+    }
+}
+
 /// Composes the picture of an adjustment.
 fn attempt(
     args: &PhotoArgs,
@@ -60,8 +86,8 @@ fn attempt(
     shutdown: &Arc<AtomicBool>,
 ) -> anyhow::Result<Attempt> {
     let options = page.options(&adjustment);
-    let analysis = page.photographs().analyse(&options)?;
-    let composed = Composed::new(args, &analysis, shutdown)?;
+    let mut analysis = page.photographs().analyse(&options)?;
+    let composed = Composed::new(args, &mut analysis, shutdown)?;
     Ok(Attempt {
         adjustment,
         analysis,

@@ -40,10 +40,7 @@ pub fn describe(analysis: &Analysis) -> Vec<String> {
     lines.push(describe_exposures(analysis));
     let clipped = analysis.clipped();
     if clipped > 0 {
-        lines.push(format!(
-            "lamps: {clipped} pixels of the ball are white in its darkest picture; shadows come out too \
-             faint: add a darker exposure"
-        ));
+        lines.push(describe_clipped(analysis, clipped));
     }
     let profiles = std::iter::once(&analysis.empty)
         .chain(analysis.balls.iter().map(|b| &b.photograph))
@@ -62,11 +59,27 @@ fn describe_ground(placement: &Placement) -> String {
             placement.roll_degrees
         ),
         GroundFrom::Stated => format!("ground: the camera looks down by {tilt:.1}°, as stated"),
+        GroundFrom::Shadow { sigma_degrees } => format!(
+            "ground: from where the ball's shadow falls; the camera looks down by {tilt:.0}° ± {sigma_degrees:.0}°"
+        ),
         GroundFrom::Assumed => format!(
             "ground: the camera is assumed to look down by {tilt:.0}°; state it with --tilt, or point at a \
              rectangle on the ground (--ground, --browser), or put a printed tag there (--tag)"
         ),
     }
+}
+
+fn describe_clipped(analysis: &Analysis, clipped: usize) -> String {
+    let factors = analysis.raised.iter().map(|lamp| lamp.factor.max_element());
+    let factor = factors.fold(1.0, f32::max);
+    let what = if factor > 1.0 {
+        format!(
+            "by the ball's shadow they are up to {factor:.1} times as bright; a darker exposure would tell it better"
+        )
+    } else {
+        "shadows may come out too faint: add a darker exposure".to_owned()
+    };
+    format!("lamps: {clipped} pixels of the ball are white in its darkest picture; {what}")
 }
 
 fn describe_exposures(analysis: &Analysis) -> String {
