@@ -40,7 +40,66 @@ fn sky() -> Harmonics {
     Harmonics { coefficients }
 }
 
-/// Photographs of a ball on a speckled ground under a sky and lamps, by a camera that looks down by `tilt` degrees.
+/// The light of the ground, 1 is white under full light, at a point that a ray from the camera meets; `with` the
+/// ball, or without.
+fn light_at(placement: &Placement, ray: DVec3, lamps: &[SeenLamp], with: bool) -> f64 {
+    let at = placement.world_from_camera.translation;
+    let at = at - ray * (at.z / ray.z);
+    let is_changed = with && ray.z < 0.0;
+    // The form factor of a sphere above the horizon of a surface.
+    let hidden = (RADIUS_METRES / (placement.ball - at).length()).powi(3);
+    let hidden = hidden * f64::from(u8::from(is_changed));
+    let reflectance = f64::from(ASSUMED_REFLECTANCE);
+    let sky = f64::from(SKY) * (1.0 - hidden * (1.0 - reflectance));
+    let by_lamp = |lamp: &SeenLamp| {
+        let to = lamp.source.direction.as_dvec3();
+        // Distance of the ball's centre from the ray to the lamp.
+        let apart = (placement.ball - at).reject_from_normalized(to).length();
+        let is_dark = is_changed && apart < RADIUS_METRES;
+        let direct = if is_dark { 0.0 } else { to.z };
+        // A mirrored sphere scatters evenly.
+        f64::from(lamp.source.irradiance.x) * (direct + 0.25 * reflectance * hidden)
+    };
+    sky + lamps.iter().map(by_lamp).sum::<f64>()
+}
+
+/// Two photographs of a ball on a speckled ground under a sky and lamps, the first without it.
+fn drawn(
+    camera: &PinholeCamera,
+    placement: &Placement,
+    lamps: &[SeenLamp],
+) -> [Arc<Photograph>; 2] {
+    let (width, height) = (camera.width, camera.height);
+    let mut random = Random::new(11);
+    let speckles: Vec<f64> = (0..width * height)
+        .map(|_| random.between(0.3, 0.6))
+        .collect();
+    let response = Response::srgb();
+    let mut draw = |with: bool| {
+        let rgba = (0..width * height).flat_map(|i| {
+            let pixel = DVec2::new(f64::from(i % width), f64::from(i / width));
+            let ray = placement.world_from_camera.rotation * camera.unproject(pixel);
+            let light = light_at(placement, ray, lamps, with);
+            let value = light * speckles[i as usize] + 2e-3 * random.normal();
+            let code = response.code_from_linear(value as f32);
+            [code, code, code, 255]
+        });
+        Arc::new(Photograph {
+            path: PathBuf::from("drawn.png"),
+            picture: Picture {
+                width,
+                height,
+                rgba: rgba.collect(),
+            },
+            exposure_ev: None,
+            focal: None,
+            profile: None,
+        })
+    };
+    [draw(false), draw(true)]
+}
+
+/// What such photographs tell, taken by a camera that looks down by `tilt` degrees.
 fn photographs(tilt: f64, lamps: &[SeenLamp]) -> Analysis {
     let camera = PinholeCamera {
         width: 320,
@@ -49,60 +108,19 @@ fn photographs(tilt: f64, lamps: &[SeenLamp]) -> Analysis {
         centre: DVec2::new(160.0, 110.0),
         distortion: [0.0; 5],
     };
-    let centre = DVec3::new(0.0, 0.0, 0.5);
+    let distance = 0.5;
     let ball = FoundBall {
         circle: Circle {
             centre: camera.centre,
-            radius: 280.0 * (RADIUS_METRES / 0.5),
+            radius: camera.focal.x * (RADIUS_METRES / distance),
         },
         direction: DVec3::Z,
-        half_angle: (RADIUS_METRES / centre.length()).asin(),
+        half_angle: (RADIUS_METRES / distance).asin(),
         support: 1.0,
         is_fitted: true,
     };
     let placement = by_tilt(&ball, RADIUS_METRES, tilt, GroundFrom::Assumed).unwrap();
-    let mut random = Random::new(11);
-    let speckles: Vec<f64> = (0..320 * 240).map(|_| random.between(0.3, 0.6)).collect();
-    let response = Response::srgb();
-    let mut draw = |with: bool| {
-        let rgba = (0..320u32 * 240).flat_map(|i| {
-            let pixel = DVec2::new(f64::from(i % 320), f64::from(i / 320));
-            let pose = placement.world_from_camera;
-            let ray = pose.rotation * camera.unproject(pixel);
-            let at = pose.translation - ray * (pose.translation.z / ray.z);
-            // The form factor of a sphere above the horizon of a surface.
-            let apart = (placement.ball - at).length();
-            let is_changed = with && ray.z < 0.0;
-            let hidden = (RADIUS_METRES / apart).powi(3) * f64::from(u8::from(is_changed));
-            let reflectance = f64::from(ASSUMED_REFLECTANCE);
-            let mut light = f64::from(SKY) * (1.0 - hidden * (1.0 - reflectance));
-            for lamp in lamps {
-                let to = lamp.source.direction.as_dvec3();
-                // Distance of the ball's centre from the ray to the lamp.
-                let apart = (placement.ball - at).reject_from_normalized(to).length();
-                let is_dark = is_changed && apart < RADIUS_METRES;
-                let direct = if is_dark { 0.0 } else { to.z };
-                // A mirrored sphere scatters evenly.
-                let share = direct + 0.25 * reflectance * hidden;
-                light += f64::from(lamp.source.irradiance.x) * share;
-            }
-            let value = light * speckles[i as usize] + 2e-3 * random.normal();
-            let code = response.code_from_linear(value as f32);
-            [code, code, code, 255]
-        });
-        Photograph {
-            path: PathBuf::from("drawn.png"),
-            picture: Picture {
-                width: 320,
-                height: 240,
-                rgba: rgba.collect(),
-            },
-            exposure_ev: None,
-            focal: None,
-            profile: None,
-        }
-    };
-    let [empty, photograph] = [false, true].map(|with| Arc::new(draw(with)));
+    let [empty, photograph] = drawn(&camera, &placement, lamps);
     let with = BallPicture {
         photograph,
         shift: IVec2::ZERO,
