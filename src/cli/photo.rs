@@ -51,7 +51,7 @@ pub struct PhotoArgs {
     /// Virtual objects; their origin is where the ball touches the ground, +Y points away from the camera
     #[arg(long, value_name = "FILE")]
     scene: Option<PathBuf>,
-    /// How far the camera looked down, degrees; 30 is assumed
+    /// How far the camera looked down, degrees; by default the ball's shadow tells it, or 30 is assumed
     #[arg(long, value_name = "DEGREES", value_parser = tilt)]
     tilt: Option<f64>,
     /// A printed tag that lies on the ground, and the edge of its black border

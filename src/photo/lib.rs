@@ -164,7 +164,7 @@ impl Photographs {
         };
         let ball = match stated {
             Some(circle) => sight.cone_by_eye(inside(circle, &first.photograph)?),
-            None => sight.cone(found(&self.empty, first)?),
+            None => sight.outermost(sight.cone(found(&self.empty, first)?)),
         };
         if stated.is_none() && !ball.is_fitted {
             return Err(no_ball(&first.photograph));
@@ -292,6 +292,17 @@ mod tests {
         assert!(found.balls.iter().all(|b| b.shift == IVec2::ZERO));
         let centre = found.ball.circle.centre;
         assert!(centre.distance(DVec2::new(220.0, 179.0)) < 2.0, "{centre}");
+    }
+
+    #[test]
+    fn ball_that_mirrors_the_table_is_found_whole() {
+        let pictures = [photograph("steep_empty.jpg"), photograph("steep_ball.jpg")];
+        let [empty, with] = pictures;
+        let found = Analysis::new(empty, vec![with], &options(&[0.0, 0.0])).unwrap();
+        // By the renderer's own geometry; the round edge of the table in the ball has a radius of 16.
+        let Circle { centre, radius } = found.ball.circle;
+        assert!(centre.distance(DVec2::new(222.4, 179.5)) < 1.5, "{centre}");
+        assert!((radius - 22.8).abs() < 2.0, "{radius}");
     }
 
     /// The picture with its columns from `left` on, and `paint` over it.

@@ -52,6 +52,8 @@ const ENOUGH: usize = 200;
 /// Difference of ratios that the search for the tilt takes for an error, and its greatest standard error, degrees.
 const TOLERATED: f64 = 0.05;
 const CERTAIN: f64 = 5.0;
+/// Error of the ball's outline, pixels.
+const OUTLINE_ERROR: f64 = 0.5;
 /// Standard errors from which a factor is believed.
 const LIKELY: f64 = 2.0;
 /// Relative standard deviation of a lamp's factors on red, green and blue.
@@ -165,7 +167,11 @@ impl Analysis {
             .map(|(t, _)| *t);
         let [first, last] = [f64::min, f64::max].map(|end| likely.clone().fold(tilt, end));
         let is_inner = fine.first()?.0 < first && last < fine.last()?.0;
-        let sigma = (0.5 * (last - first)).max(1.0);
+        let by_shadow = (0.5 * (last - first)).max(1.0);
+        // The normal of the ball where it shows a lamp is wrong by as much as its outline, and turns its
+        // reflection twice as far.
+        let by_outline = (2.0 * OUTLINE_ERROR / self.ball.circle.radius).to_degrees();
+        let sigma = by_shadow.hypot(by_outline);
         let ground = GroundFrom::Shadow {
             sigma_degrees: sigma,
         };
