@@ -42,6 +42,8 @@ const MUCH: f32 = 1.2;
 /// Factor between the light of a source that is gone and that of a new one, below which they may be the same
 /// lamp.
 const SAME_LAMP: f32 = 1.5;
+/// Environment pictures after which all of the environment has probably been seen.
+const CHECKED_AFTER: u32 = 20;
 /// Angle between a stated light and a source, radians, in addition to the source's radius, up to
 /// which they are the same.
 const STATED_WITHIN: f32 = 0.15;
@@ -88,6 +90,8 @@ pub(crate) struct LampPlaces {
     rests: u32,
     /// Number of looks.
     looks: u32,
+    /// Number of pictures.
+    pictures: u32,
     /// Looks until the energy of a clipped lamp that is new has settled.
     settling: u32,
     surfaces: SeenSurfaces,
@@ -116,6 +120,7 @@ impl LampPlaces {
             applied: Vec::new(),
             rests: 0,
             looks: 0,
+            pictures: 0,
             settling: 0,
             surfaces: SeenSurfaces::default(),
             agreements: Agreements::default(),
@@ -157,6 +162,7 @@ impl LampPlaces {
         }
         let sources = estimator.sources();
         self.follow(&sources, estimator);
+        self.check_stated(&sources, observer);
         let mut gained = self.place_stated(&sources, observer);
         gained |= self.estimate(scene, (lighting, phantoms), (estimator, &sources, observer));
         let known = self.known.iter();
@@ -188,6 +194,32 @@ impl LampPlaces {
             known.direction = source.map_or(known.direction, |s| s.direction);
             source.is_some() && !known.parts(sources)
         });
+    }
+
+    /// Warns once of stated lights that nothing is seen of.
+    fn check_stated(&mut self, sources: &[CompactSource], observer: DVec3) {
+        self.pictures = self.pictures.saturating_add(1);
+        if self.pictures == CHECKED_AFTER {
+            for at in self.stated_in_vain(sources, observer) {
+                tracing::warn!(
+                    "[[room_light]] at {:.2}, {:.2}, {:.2} m: the environment camera sees no light in that \
+                     direction, so it has no effect; is the position right, and is the lamp on?",
+                    at.x,
+                    at.y,
+                    at.z
+                );
+            }
+        }
+    }
+
+    /// Returns the stated lights in whose direction there is no source.
+    fn stated_in_vain<'a>(
+        &'a self,
+        sources: &'a [CompactSource],
+        observer: DVec3,
+    ) -> impl Iterator<Item = DVec3> + 'a {
+        let all = self.stated.iter().copied();
+        all.filter(move |at| !sources.iter().any(|s| is_stated_at(s, *at, observer)))
     }
 
     /// Gives new lamps the places that are stated; true if there are any.
@@ -235,14 +267,11 @@ impl LampPlaces {
 
     /// The distance of a stated light in the direction of a source.
     fn stated_distance(&self, source: &CompactSource, observer: DVec3) -> Option<LampDistance> {
-        let towards = |at: &DVec3| (*at - observer).as_vec3() - source.viewpoint;
-        let angle = |at: &DVec3| towards(at).angle_between(source.direction);
-        let nearest = self
-            .stated
-            .iter()
-            .min_by(|a, b| angle(a).total_cmp(&angle(b)))?;
-        let is_same = angle(nearest) < source.angular_radius + STATED_WITHIN;
-        is_same.then(|| LampDistance {
+        let towards = |at: DVec3| stated_towards(source, at, observer);
+        let angle = |at: DVec3| towards(at).angle_between(source.direction);
+        let all = self.stated.iter().copied();
+        let nearest = all.min_by(|a, b| angle(*a).total_cmp(&angle(*b)))?;
+        is_stated_at(source, nearest, observer).then(|| LampDistance {
             inverse: towards(nearest).length().max(0.05).recip(),
             sigma: 0.0,
         })
@@ -457,6 +486,17 @@ impl LampPlaces {
     }
 }
 
+/// The vector to a stated light from where the source is seen, metres.
+fn stated_towards(source: &CompactSource, at: DVec3, observer: DVec3) -> Vec3 {
+    (at - observer).as_vec3() - source.viewpoint
+}
+
+/// Whether a source is in the direction of a stated light.
+fn is_stated_at(source: &CompactSource, at: DVec3, observer: DVec3) -> bool {
+    let angle = stated_towards(source, at, observer).angle_between(source.direction);
+    angle < source.angular_radius + STATED_WITHIN
+}
+
 /// Whether a source that is `gone` is probably one of the new ones: it has moved farther than it could be
 /// followed.
 fn has_moved(gone: &CompactSource, before: &[CompactSource], now: &[CompactSource]) -> bool {
@@ -539,6 +579,17 @@ mod tests {
         };
         assert!(places.place_stated(&[clipped], DVec3::ZERO));
         assert_eq!((places.settling, places.rests), (SETTLING, 0));
+    }
+
+    #[test]
+    fn stated_light_that_nothing_is_seen_of_is_told() {
+        let rays = Arc::new(RayCaster::from_parts(&[]));
+        let rig = penumbra_rig_model::RigDocument::uncalibrated(64, 48).calibration;
+        let mut places = LampPlaces::new(&rig, rays, &EnvironmentConfig::default());
+        places.stated = vec![DVec3::X, DVec3::new(0.0, 2.0, 1.0)];
+        let sources = [source(1, 0.1), source(2, 2.0)];
+        let told: Vec<DVec3> = places.stated_in_vain(&sources, DVec3::ZERO).collect();
+        assert_eq!(told, [DVec3::new(0.0, 2.0, 1.0)]);
     }
 
     #[test]

@@ -116,7 +116,7 @@ function distances(lamps) {
 }
 
 function agreement(l) {
-  if (l.picture_difference === null) return '–';
+  if (l.picture_difference === null) return 'not compared: no shadow of a phantom is in view';
   const whole = `${percent(l.picture_difference, 0)} ± ${percent(l.picture_difference_sigma, 0)}`;
   return [whole, ...l.disagreeing].join('; ');
 }
