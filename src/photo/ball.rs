@@ -9,6 +9,8 @@ use std::ops::Range;
 
 /// Maximum side of the pictures in which changes are searched, pixels.
 const MAX_SIDE: u32 = 480;
+/// Maximum side of the picture in which the circle is searched, pixels: larger ones are not sharper.
+const FIND_SIDE: u32 = 960;
 /// Minimum change of a pixel where a ball was put, codes.
 const MIN_CHANGE: i32 = 12;
 /// Radii of balls that are searched, as shares of the picture's shorter side.
@@ -37,7 +39,9 @@ const AS_CLEAR: f64 = 0.85;
 const LIKELIEST: usize = 8;
 /// Maximum number of points of an outline.
 const OUTLINE_POINTS: f64 = 360.0;
-/// Error of an outline's points beyond which they belong to something else, pixels.
+/// Least radius of the ball in the picture in which its outline is sought, which is reduced for that, pixels.
+pub(crate) const FINEST: f64 = 32.0;
+/// Error of an outline's points beyond which they belong to something else, pixels of that picture.
 const MAX_ERROR: f64 = 2.0;
 
 /// The ball's outline in a picture.
@@ -75,8 +79,14 @@ struct Changes {
 /// in `with`.
 #[must_use]
 pub fn find(with: &Picture, without: &Picture, shift: IVec2) -> Option<Circle> {
+    let factor = with.width.max(with.height).div_ceil(FIND_SIDE).max(1);
+    let by = f64::from(factor);
+    let full = |circle: Circle| Circle {
+        centre: (circle.centre + 0.5) * by - 0.5,
+        radius: circle.radius * by,
+    };
     let changes = Changes::between(without, with, shift)?;
-    let prior = |circle: Circle| changes.prior(circle);
+    let prior = |circle: Circle| changes.prior(full(circle));
     let search = OutlineSearch {
         radii: RADII,
         max_side: MAX_SIDE,
@@ -84,7 +94,9 @@ pub fn find(with: &Picture, without: &Picture, shift: IVec2) -> Option<Circle> {
     };
     let least = RADII[0] * f64::from(with.width.min(with.height));
     // The refinement may shrink a circle to a speck.
-    find_outline(with, &search).filter(|found| found.radius >= least)
+    find_outline(&reduced(with, factor), &search)
+        .map(full)
+        .filter(|found| found.radius >= least)
 }
 
 impl Changes {
@@ -275,24 +287,30 @@ impl Sight<'_> {
     /// Returns the edges within `reach` radii of a circle.
     fn outline(&self, circle: Circle, reach: f64) -> Outline {
         let part = Part::around(circle, reach, self.with);
+        // In the picture of a phone no edge is as sharp as its pixels are small.
+        let factor = (circle.radius / FINEST).max(1.0) as u32;
+        let by = f64::from(factor);
         let here = Circle {
-            centre: circle.centre - part.origin(),
-            ..circle
+            centre: (circle.centre - part.origin() + 0.5) / by - 0.5,
+            radius: circle.radius / by,
         };
         // Where nothing was put the difference is small: its outline is the ball's, and no edge that the
         // ball mirrors.
+        let edges = |picture: Picture| outline_points(&reduced(&picture, factor), here, reach);
         let changed = self.gain.map(|gain| self.difference(gain, &part));
-        let mut found = changed.map_or_else(Vec::new, |d| outline_points(&d, here, reach));
+        let mut found = changed.map_or_else(Vec::new, edges);
         if found.len() < MIN_POINTS {
-            let shown = part.picture(|x, y| self.with.rgb(x as u32, y as u32));
-            found = outline_points(&shown, here, reach);
+            found = edges(part.picture(|x, y| self.with.rgb(x as u32, y as u32)));
         }
         let moved = part.origin() - self.shift.as_dvec2();
-        let ray = |p: DVec2| self.camera.unproject(p + moved).normalize();
+        let ray = |p: DVec2| {
+            let pixel = (p + 0.5) * by - 0.5 + moved;
+            self.camera.unproject(pixel).normalize()
+        };
         Outline {
             rays: found.into_iter().map(ray).collect(),
-            focal: self.camera.focal.x,
-            scale: 0.4 * reach * circle.radius,
+            focal: self.camera.focal.x / by,
+            scale: 0.4 * reach * here.radius,
         }
     }
 
@@ -325,7 +343,7 @@ impl Sight<'_> {
 /// Rays to the points of an outline.
 struct Outline {
     rays: Vec<DVec3>,
-    /// Pixels.
+    /// Pixels of the picture in which they were found.
     focal: f64,
     /// Error beyond which a point belongs to something else at first, pixels.
     scale: f64,

@@ -305,6 +305,50 @@ mod tests {
         assert!((radius - 22.8).abs() < 2.0, "{radius}");
     }
 
+    /// A photograph of four times the size that is no sharper.
+    fn enlarged(photograph: &Photograph) -> Photograph {
+        let Picture {
+            width,
+            height,
+            ref rgba,
+        } = photograph.picture;
+        let image = image::RgbaImage::from_raw(width, height, rgba.clone()).unwrap();
+        let filter = image::imageops::FilterType::CatmullRom;
+        let large = image::imageops::resize(&image, 4 * width, 4 * height, filter);
+        Photograph {
+            picture: Picture {
+                width: 4 * width,
+                height: 4 * height,
+                rgba: large.into_raw(),
+            },
+            focal: photograph.focal.map(|focal| 4.0 * focal),
+            ..photograph.clone()
+        }
+    }
+
+    #[test]
+    fn ball_is_found_in_large_pictures_that_are_not_sharp() {
+        let pairs = [
+            ("empty.jpg", "ball1.jpg", DVec2::new(220.0, 179.0), 25.8),
+            (
+                "steep_empty.jpg",
+                "steep_ball.jpg",
+                DVec2::new(222.4, 179.5),
+                22.8,
+            ),
+        ];
+        for (empty, with, centre, radius) in pairs {
+            let [empty, with] = [empty, with].map(|name| enlarged(&photograph(name)));
+            let found = Analysis::new(empty, vec![with], &options(&[0.0, 0.0])).unwrap();
+            let found = found.ball.circle;
+            assert!(found.centre.distance(4.0 * centre) < 8.0, "{found:?}");
+            assert!(
+                (found.radius / (4.0 * radius) - 1.0).abs() < 0.1,
+                "{found:?}"
+            );
+        }
+    }
+
     /// The picture with its columns from `left` on, and `paint` over it.
     fn changed(
         photograph: &Photograph,

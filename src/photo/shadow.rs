@@ -12,6 +12,7 @@
 //! weights of Geman and McClure 1985): other things stand beside the ball.
 
 use crate::Analysis;
+use crate::ball::FINEST;
 use crate::photograph::reduced;
 use crate::placement::{GroundFrom, Placement, by_tilt};
 use glam::{DQuat, DVec3, IVec2, Vec3};
@@ -52,7 +53,7 @@ const ENOUGH: usize = 200;
 /// Difference of ratios that the search for the tilt takes for an error, and its greatest standard error, degrees.
 const TOLERATED: f64 = 0.05;
 const CERTAIN: f64 = 5.0;
-/// Error of the ball's outline, pixels.
+/// Error of the ball's outline, pixels of the picture in which it is sought.
 const OUTLINE_ERROR: f64 = 0.5;
 /// Standard errors from which a factor is believed.
 const LIKELY: f64 = 2.0;
@@ -170,7 +171,7 @@ impl Analysis {
         let by_shadow = (0.5 * (last - first)).max(1.0);
         // The normal of the ball where it shows a lamp is wrong by as much as its outline, and turns its
         // reflection twice as far.
-        let by_outline = (2.0 * OUTLINE_ERROR / self.ball.circle.radius).to_degrees();
+        let by_outline = (2.0 * OUTLINE_ERROR / self.ball.circle.radius.min(FINEST)).to_degrees();
         let sigma = by_shadow.hypot(by_outline);
         let ground = GroundFrom::Shadow {
             sigma_degrees: sigma,
