@@ -59,8 +59,9 @@ impl Picture {
         let size = |dots: usize| dots as i64 * dot;
         let plate = [size(STEP * text.chars().count() + 1), size(SIZE[1] + 2)];
         let space = [self.width, self.height].map(i64::from);
-        // Saturates where it is no number that a picture could have.
-        let corner = [at[0] as i64 - plate[0] / 2, at[1] as i64];
+        // What is far outside counts as beside the picture; no number as 0.
+        let [x, y] = at.map(|p| p.clamp(-1e9, 1e9) as i64);
+        let corner = [x - plate[0] / 2, y];
         let [left, top] = [0, 1].map(|k| corner[k].min(space[k] - plate[k]).max(0));
         self.fill([left, top], plate, [0; 3]);
         for (k, character) in text.chars().enumerate() {
