@@ -17,6 +17,8 @@ const NEAR: f32 = 0.35;
 /// Largest angle between pixels of one lamp, radians, and largest angular radius of a lamp.
 const BESIDE: f32 = 0.12;
 const WIDEST: f32 = 0.5;
+/// Cells of the ball's picture along each side, in which white pixels count together.
+const CELLS: u32 = 64;
 /// Number of lamps, the strongest, and number of directions to one.
 const LAMPS: usize = 8;
 const PARTS: usize = 32;
@@ -100,14 +102,16 @@ impl Analysis {
     }
 
     /// Returns lamps that are white in the ball's darkest picture, with the light that they are known to have.
-    fn white_lamps(&self) -> Vec<SeenLamp> {
+    pub(crate) fn white_lamps(&self) -> Vec<SeenLamp> {
         let Some((darkest, crop)) = self.by_exposure().pop().map(|b| (b, self.crop_of(b))) else {
             return Vec::new();
         };
         let picture = cropped(&darkest.photograph.picture, &crop);
-        let mut seen: Vec<(Vec3, Vec3)> = Vec::new();
         let gain = (-darkest.ev as f32).exp2();
         let reflectance = Vec3::from(self.reflectance);
+        // Where a sky is white there are many white pixels: those of a cell count together.
+        let cell = picture.width.max(picture.height).div_ceil(CELLS).max(1);
+        let mut cells = vec![(Vec3::ZERO, Vec3::ZERO); (CELLS * CELLS) as usize];
         for (x, y) in (0..picture.height).flat_map(|y| (0..picture.width).map(move |x| (x, y))) {
             let codes = picture.rgb(x, y);
             if codes.iter().all(|code| *code < WHITE) {
@@ -122,8 +126,15 @@ impl Analysis {
             let factor = self.raised_beside(here).map_or(Vec3::ONE, |r| r.factor);
             let light =
                 Vec3::from(self.tone.response.linear_from_rgb(codes)) * gain * factor / reflectance;
-            seen.push((here, light * solid_angle));
+            let (direction, sum) = &mut cells[(y / cell * CELLS + x / cell) as usize];
+            *direction += here;
+            *sum += light * solid_angle;
         }
+        let seen = cells.into_iter().filter_map(|(direction, light)| {
+            let direction = direction.try_normalize()?;
+            (light != Vec3::ZERO).then_some((direction, light))
+        });
+        let seen: Vec<(Vec3, Vec3)> = seen.collect();
         let lamps = clusters(seen).into_iter().filter_map(|c| lamp_of(&c));
         let mut lamps: Vec<SeenLamp> = lamps.collect();
         let strength = |lamp: &SeenLamp| lamp.source.irradiance.dot(LUMINANCE);
@@ -195,7 +206,7 @@ fn clusters(mut seen: Vec<(Vec3, Vec3)>) -> Vec<Vec<(Vec3, Vec3)>> {
         let mut next = 0;
         while next < cluster.len() {
             let at = cluster[next].0;
-            let is_beside = |one: &mut (Vec3, Vec3)| one.0.angle_between(at) < BESIDE;
+            let is_beside = |one: &mut (Vec3, Vec3)| one.0.dot(at) > BESIDE.cos();
             cluster.extend(seen.extract_if(.., is_beside));
             next += 1;
         }

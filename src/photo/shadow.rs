@@ -52,9 +52,9 @@ const DEPENDENT_COARSE: f64 = DEPENDENT * ((SPACING * SPACING) as f64) / ((COARS
 const ENOUGH: usize = 200;
 /// Difference of ratios that the search for the tilt takes for an error, and its greatest standard error, degrees.
 const TOLERATED: f64 = 0.05;
-const CERTAIN: f64 = 5.0;
-/// Error of the ball's outline, pixels of the picture in which it is sought.
-const OUTLINE_ERROR: f64 = 0.5;
+const CERTAIN: f64 = 8.0;
+/// Error of the ball's outline, pixels of the picture in which it is sought: 0.8 to 1.3 in path-traced photographs.
+const OUTLINE_ERROR: f64 = 1.0;
 /// Standard errors from which a factor is believed.
 const LIKELY: f64 = 2.0;
 /// Relative standard deviation of a lamp's factors on red, green and blue.
@@ -425,14 +425,16 @@ impl Model<'_> {
         // The ground outside of all shadows tells nothing, and hides how large residuals are within them.
         let in_shadow: Vec<f64> = (0..self.points.len()).map(|i| self.in_shadow(i)).collect();
         let mut fitted = Fitted {
-            factors: Vec::new(),
+            factors: vec![1.0; self.lamps.len()],
             sigmas: Vec::new(),
             weights: in_shadow.clone(),
         };
         // Nothing is searched where nothing is unknown.
         let passes = if self.lamps.is_empty() { 0 } else { PASSES };
         for pass in 0..passes {
-            (fitted.factors, fitted.sigmas) = self.solved(LUMINANCE_OF, &fitted.weights, None)?;
+            let light = self.without(LUMINANCE_OF, &fitted.factors);
+            let solved = self.solved((LUMINANCE_OF, light), &fitted.weights, None)?;
+            (fitted.factors, fitted.sigmas) = solved;
             let residuals = self.residuals(&fitted.factors);
             let all = residuals.iter().zip(&in_shadow);
             let of_shadow = all.clone().filter(|(_, is)| **is > 0.0);
@@ -464,7 +466,8 @@ impl Model<'_> {
             })
             .collect();
         let channel = |c: usize| {
-            self.solved(c, &weights, Some(&luminance))
+            let light = self.without(c, &luminance);
+            self.solved((c, light), &weights, Some(&luminance))
                 .map(|(found, _)| found)
         };
         let rgb = [channel(0)?, channel(1)?, channel(2)?];
@@ -507,17 +510,15 @@ impl Model<'_> {
         (light + f64::from(self.rest.without[channel])).max(1e-9)
     }
 
-    /// The factors in a channel and their standard errors, within their limits; `beside` are those of
-    /// luminance, from which those of colours do not differ much.
+    /// The factors in a channel, in which the ground has about so much light, and their standard errors, within
+    /// their limits; `beside` are those of luminance, from which those of colours do not differ much.
     fn solved(
         &self,
-        channel: usize,
+        (channel, scale): (usize, f64),
         weights: &[f64],
         beside: Option<&[f64]>,
     ) -> Option<(Vec<f64>, Vec<f64>)> {
         let n = self.lamps.len();
-        let ones = vec![1.0; n];
-        let scale = self.without(channel, beside.unwrap_or(&ones));
         let (mut normal, mut right) = (Matrix::zeros(n, n), vec![0.0; n]);
         for (i, point) in self.points.iter().enumerate() {
             let ratio = f64::from(point.ratio[channel]);

@@ -1,7 +1,8 @@
 //! What `penumbra photo` tells of photographs.
 
 use penumbra_photo::{
-    ASSUMED_FIELD_OF_VIEW_DEGREES, Analysis, ExposuresFrom, GroundFrom, Placement, ShadowCheck,
+    ASSUMED_FIELD_OF_VIEW_DEGREES, Analysis, ExposuresFrom, GroundFrom, Placement, RaisedLamp,
+    ShadowCheck,
 };
 
 /// Ratio of the depths of two shadows that agree.
@@ -70,14 +71,19 @@ fn describe_ground(placement: &Placement) -> String {
 }
 
 fn describe_clipped(analysis: &Analysis, clipped: usize) -> String {
-    let factors = analysis.raised.iter().map(|lamp| lamp.factor.max_element());
-    let factor = factors.fold(1.0, f32::max);
-    let what = if factor > 1.0 {
-        format!(
-            "by the ball's shadow they are up to {factor:.1} times as bright; a darker exposure would tell it better"
-        )
-    } else {
-        "shadows may come out too faint: add a darker exposure".to_owned()
+    let most = |lamp: &&RaisedLamp| lamp.factor.max_element();
+    let brightest = analysis
+        .raised
+        .iter()
+        .max_by(|a, b| most(a).total_cmp(&most(b)));
+    let what = match brightest.filter(|lamp| most(lamp) > 1.0) {
+        Some(lamp) => format!(
+            "by the ball's shadow they are up to {:.1} ± {:.1} times as bright; a darker exposure would tell it \
+             better",
+            most(&lamp),
+            lamp.sigma
+        ),
+        None => "shadows may come out too faint: add a darker exposure".to_owned(),
     };
     format!("lamps: {clipped} pixels of the ball are white in its darkest picture; {what}")
 }

@@ -217,3 +217,26 @@ fn ground_without_a_shadow_does_not_tell_how_it_lies() {
     };
     assert_eq!(seen.placement_by_shadow(&light), None);
 }
+
+#[test]
+fn white_sky_in_a_large_picture_is_no_lamp() {
+    let mut seen = photographs(30.0, &[]);
+    let (width, height) = (4 * seen.camera.width, 4 * seen.camera.height);
+    let white = Photograph {
+        picture: Picture {
+            width,
+            height,
+            rgba: vec![255; 4 * (width * height) as usize],
+        },
+        ..(*seen.empty).clone()
+    };
+    seen.camera.width = width;
+    seen.camera.height = height;
+    seen.camera.focal *= 4.0;
+    seen.camera.centre *= 4.0;
+    seen.balls[0].circle.centre *= 4.0;
+    seen.balls[0].circle.radius *= 4.0;
+    seen.balls[0].photograph = Arc::new(white.clone());
+    seen.empty = Arc::new(white);
+    assert!(seen.white_lamps().is_empty());
+}
