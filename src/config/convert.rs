@@ -9,9 +9,10 @@ use super::range::{Result, millis, power_of_two, set, whole, within};
 use super::registration::{dictionaries, registration};
 use super::renamed::renamed;
 use super::{
-    Config, EnvironmentConfig, EnvironmentMapConfig, OutputConfig, SceneFilesConfig, ShadowConfig,
-    StatusConfig, SyncConfig, WhiteBalanceConfig, WhiteBalanceMethod,
+    Config, EnvironmentConfig, EnvironmentMapConfig, OutputConfig, RoomLight, SceneFilesConfig,
+    ShadowConfig, StatusConfig, SyncConfig, WhiteBalanceConfig, WhiteBalanceMethod,
 };
+use glam::DVec3;
 use penumbra_rig_model::EnvironmentSource;
 use penumbra_scene::SceneChoice;
 use penumbra_strict_toml::TomlError;
@@ -168,34 +169,68 @@ fn environment_map(
     Ok(map)
 }
 
-/// Maximum number of stated lamps.
+/// Maximum number of stated lights.
 const MAX_ROOM_LIGHTS: usize = 16;
-/// Maximum distance of a stated lamp from the world's origin along an axis, metres.
+/// Maximum distance of a stated light from the world's origin along an axis, metres.
 const ROOM: f64 = 1000.0;
+/// Least side of a window, metres.
+const LEAST_SIDE: f64 = 0.01;
+/// Distance of the corners from those of a parallelogram, and least height of it, as shares of the shorter side.
+const SHAPE: (f64, f64) = (0.1, 0.3);
 
-fn room_lights(file: &[file::RoomLight]) -> Result<Vec<[f64; 3]>> {
+fn room_lights(file: &[file::RoomLight]) -> Result<Vec<RoomLight>> {
     if file.len() > MAX_ROOM_LIGHTS {
         return Err(Fault::new(
             "room_light",
             format!(
-                "expected at most {MAX_ROOM_LIGHTS} lamps, found {}",
+                "expected at most {MAX_ROOM_LIGHTS} lights, found {}",
                 file.len()
             ),
         ));
     }
-    let position = |(i, light): (usize, &file::RoomLight)| {
-        let inside = light.position.iter().all(|x| x.abs() <= ROOM);
-        inside.then_some(light.position).ok_or_else(|| {
-            Fault::new(
-                format!("room_light[{i}].position"),
-                format!(
-                    "expected metres from -{ROOM} to {ROOM}, found {:?}",
-                    light.position
-                ),
-            )
-        })
+    let light = |(i, light): (usize, &file::RoomLight)| {
+        let name = |key: &str| format!("room_light[{i}].{key}");
+        match (light.position, light.corners) {
+            (Some(position), None) => {
+                in_room(name("position"), &position)?;
+                Ok(RoomLight::Lamp { position })
+            }
+            (None, Some(corners)) => {
+                in_room(name("corners"), corners.as_flattened())?;
+                if !is_window(&corners) {
+                    return Err(Fault::new(
+                        name("corners"),
+                        "expected the four corners of a rectangle, one after the other along its edge",
+                    ));
+                }
+                Ok(RoomLight::Window { corners })
+            }
+            _ => Err(Fault::new(
+                format!("room_light[{i}]"),
+                "expected either `position` (of a lamp) or `corners` (of a window)",
+            )),
+        }
     };
-    file.iter().enumerate().map(position).collect()
+    file.iter().enumerate().map(light).collect()
+}
+
+fn in_room(name: String, metres: &[f64]) -> Result<()> {
+    if metres.iter().all(|x| x.abs() <= ROOM) {
+        return Ok(());
+    }
+    Err(Fault::new(
+        name,
+        format!("expected metres from -{ROOM} to {ROOM}, found {metres:?}"),
+    ))
+}
+
+/// Whether these are the corners of a parallelogram, as far as a tape measure tells.
+fn is_window(corners: &[[f64; 3]; 4]) -> bool {
+    let [a, b, c, d] = corners.map(DVec3::from);
+    let (right, up) = (b - a, d - a);
+    let side = right.length().min(up.length());
+    let slant = right.cross(up).length() / right.length().max(up.length());
+    side > LEAST_SIDE && slant > SHAPE.1 * side && (b + up).distance(c) < SHAPE.0 * side
 }
 
 fn white_balance(file: &file::WhiteBalance, out: &mut WhiteBalanceConfig) -> Result<()> {

@@ -109,11 +109,12 @@ pub(super) struct Environment {
     pub light_places: Option<LightPlaces>,
 }
 
-/// A lamp whose place is known.
+/// A lamp or a window whose place is known.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct RoomLight {
-    pub position: [f64; 3],
+    pub position: Option<[f64; 3]>,
+    pub corners: Option<[[f64; 3]; 4]>,
 }
 
 #[derive(Debug, Default, Deserialize)]

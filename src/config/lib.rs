@@ -171,8 +171,23 @@ pub struct EnvironmentConfig {
     pub light_places: LightPlaces,
     /// `map`, with [`EnvironmentSource::Map`].
     pub map: Option<EnvironmentMapConfig>,
-    /// `[[room_light]]`: places of lamps as stated, world, metres.
-    pub room_lights: Vec<[f64; 3]>,
+    /// `[[room_light]]`: places of lamps and windows as stated.
+    pub room_lights: Vec<RoomLight>,
+}
+
+/// A light whose place is stated, world, metres.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum RoomLight {
+    /// A lamp.
+    Lamp {
+        /// Its middle.
+        position: [f64; 3],
+    },
+    /// A window, or another flat, rectangular source.
+    Window {
+        /// Its corners, in the order of its edge: a parallelogram.
+        corners: [[f64; 3]; 4],
+    },
 }
 
 /// An environment map that states the light.

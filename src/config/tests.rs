@@ -108,8 +108,12 @@ fn lamps_with_a_place_are_read_and_checked() {
     let text =
         "[[room_light]]\nposition = [0.4, -0.1, 0.6]\n[[room_light]]\nposition = [0, 1, 2]\n";
     let config = Config::from_text(text, "").unwrap();
-    let expected = vec![[0.4, -0.1, 0.6], [0.0, 1.0, 2.0]];
+    let expected = [[0.4, -0.1, 0.6], [0.0, 1.0, 2.0]].map(|position| RoomLight::Lamp { position });
     assert_eq!(config.environment.room_lights, expected);
+    let text = "[[room_light]]\ncorners = [[2, -1, 0], [2, 1, 0], [2, 1, 1.5], [2, -1, 1.5]]\n";
+    let config = Config::from_text(text, "").unwrap();
+    let lights = &config.environment.room_lights;
+    assert!(matches!(lights[..], [RoomLight::Window { corners }] if corners[2] == [2.0, 1.0, 1.5]));
     for (wrong, part) in [
         (
             "[[room_light]]\nposition = [0.4, nan, 0.6]\n",
@@ -120,14 +124,35 @@ fn lamps_with_a_place_are_read_and_checked() {
             "metres from -1000 to 1000",
         ),
         ("[[room_light]]\nposition = [0.4]\n", "position"),
-        ("[[room_light]]\n", "position"),
+        ("[[room_light]]\n", "either `position`"),
+        (
+            "[[room_light]]\nposition = [0, 0, 1]\ncorners = [[2, -1, 0], [2, 1, 0], [2, 1, 1], [2, -1, 1]]\n",
+            "either `position`",
+        ),
+        (
+            "[[room_light]]\ncorners = [[2, -1, 0], [2, 1, 1.5], [2, 1, 0], [2, -1, 1.5]]\n",
+            "along its edge",
+        ),
+        (
+            "[[room_light]]\ncorners = [[0, 0, 0], [0, 0, 0], [0, 0, 0], [0, 0, 0]]\n",
+            "along its edge",
+        ),
+        (
+            "[[room_light]]\ncorners = [[0, 0, 0], [1, 0, 0], [2, 0, 0], [1, 0, 0]]\n",
+            "along its edge",
+        ),
+        (
+            "[[room_light]]\ncorners = [[0, 0, 0], [1, 0, 0], [1, 0, inf], [0, 0, 1]]\n",
+            "room_light[0].corners",
+        ),
+        ("[[room_light]]\ncorners = [[0, 0, 0]]\n", "corners"),
         ("[environment]\nlight_places = \"near\"\n", "light_places"),
     ] {
         let error = complaint(wrong);
         assert!(error.contains(part), "{error}");
     }
     let many = "[[room_light]]\nposition = [0, 0, 1]\n".repeat(17);
-    assert!(complaint(&many).contains("at most 16 lamps"));
+    assert!(complaint(&many).contains("at most 16 lights"));
 }
 
 #[test]

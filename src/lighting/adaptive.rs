@@ -6,7 +6,7 @@ use super::cube::CubeGrid;
 use super::geodesic::FaceSource;
 use super::lamp_distance::UnseenLamp;
 use super::light::{DomeLight, LightKind};
-use super::place::{LampDistance, LightPlace, Viewpoints};
+use super::place::{LampDistance, LampPlane, LightPlace, Viewpoints};
 use super::sources::{LUMINANCE, Source};
 use super::tracking::{SourceTracker, above_horizon};
 use glam::{DVec3, Mat3, Vec3};
@@ -146,6 +146,14 @@ impl AdaptiveDome {
         for source in &mut self.tracker.sources {
             let known = distances.iter().find(|(id, _)| *id == source.id);
             source.distance = known.map_or(source.distance, |(_, distance)| *distance);
+        }
+    }
+
+    /// Sets the planes of sources that are flat, by their ids; the others are not.
+    pub fn set_planes(&mut self, planes: &[(u32, LampPlane)]) {
+        for source in &mut self.tracker.sources {
+            let plane = planes.iter().find(|(id, _)| *id == source.id);
+            source.plane = plane.map(|(_, plane)| *plane);
         }
     }
 

@@ -11,7 +11,7 @@ use super::hdr::{Bracket, BracketMerger, scales};
 use super::lamp_distance::UnseenLamp;
 use super::light::{DomeLight, Harmonics, Lighting};
 use super::memory::RadianceAccumulator;
-use super::place::{LampDistance, Viewpoints};
+use super::place::{LampDistance, LampPlane, Viewpoints};
 use super::prefilter::Prefilter;
 use super::probe::LastSphere;
 use super::resample::{GatherTable, Hidden, PixelDirections, inpaint};
@@ -225,6 +225,13 @@ impl EnvironmentEstimator {
     pub fn set_distances(&mut self, distances: &[(u32, LampDistance)]) {
         if let Dome::Adaptive(dome) = &mut self.dome {
             dome.set_distances(distances);
+        }
+    }
+
+    /// Sets the planes of compact sources that are windows, by their ids; from the next update on.
+    pub fn set_planes(&mut self, planes: &[(u32, LampPlane)]) {
+        if let Dome::Adaptive(dome) = &mut self.dome {
+            dome.set_planes(planes);
         }
     }
 

@@ -48,6 +48,7 @@ mod shadow_ratio;
 pub mod sources;
 mod stages;
 mod tracking;
+pub mod triangulation;
 
 pub use blend::Blender;
 pub use brightest::{BrightestFollower, BrightestLight};

@@ -200,6 +200,50 @@ impl LampDistance {
     };
 }
 
+/// The plane of a window, or of another flat source that shines evenly: a point p is on it if `normal`·p = `offset`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LampPlane {
+    /// Unit vector, world.
+    pub normal: DVec3,
+    /// Metres.
+    pub offset: f64,
+}
+
+impl LampPlane {
+    /// Returns the reciprocal of the distance, 1/m, at which a ray from `eye` meets the plane; 0 if it does not.
+    #[must_use]
+    pub fn inverse_from(&self, eye: DVec3, direction: DVec3) -> f32 {
+        let away = self.offset - self.normal.dot(eye);
+        let inverse = self.normal.dot(direction) / away;
+        if inverse.is_finite() && inverse > 0.0 {
+            inverse.min(LARGEST_INVERSE) as f32
+        } else {
+            0.0
+        }
+    }
+
+    /// Returns the ratio of the source's extent across a direction, seen from one point, to that seen from another:
+    /// `to` and `from` are the unit vectors from both to the source.
+    fn turned(&self, to: DVec3, from: DVec3) -> f64 {
+        let across = |direction: DVec3| self.normal.dot(direction).abs();
+        across(to) / across(from).max(LEAST_ACROSS)
+    }
+}
+
+/// Largest reciprocal of a window's distance, 1/m.
+const LARGEST_INVERSE: f64 = 5.0;
+/// Least cosine at which a flat source is seen.
+const LEAST_ACROSS: f64 = 0.05;
+
+/// How far a source is.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Remote {
+    /// All of it, by the reciprocal of its distance, 1/m; 0: infinitely far.
+    Inverse(f32),
+    /// Flat.
+    Plane(LampPlane),
+}
+
 /// A light as it is seen from one point.
 #[derive(Clone, Copy, Debug)]
 pub struct Seen {
@@ -232,25 +276,34 @@ impl Viewpoints {
         }
     }
 
-    /// Returns a light, seen at a distance of 1/`inverse_distance`, as it is seen from the reference, and its place.
+    /// Returns a light as it is seen from the reference, and its place.
     #[must_use]
-    pub fn moved(&self, seen: Seen, inverse_distance: f32) -> (Seen, LightPlace) {
+    pub(super) fn moved(&self, seen: Seen, remote: Remote) -> (Seen, LightPlace) {
+        let direction = seen.direction.as_dvec3();
+        let offset = (self.mirrored).map_or(DVec3::ZERO, |sphere| sphere.viewpoint(direction));
+        let eye = self.observer + offset;
+        let inverse_distance = match remote {
+            Remote::Inverse(inverse) => inverse,
+            Remote::Plane(plane) => plane.inverse_from(eye, direction),
+        };
         if inverse_distance <= 0.0 {
             return (seen, LightPlace::FAR);
         }
         let distance = f64::from(inverse_distance).recip();
-        let direction = seen.direction.as_dvec3();
-        let offset = (self.mirrored).map_or(DVec3::ZERO, |sphere| sphere.viewpoint(direction));
-        let light = self.observer + offset + direction * distance;
+        let light = eye + direction * distance;
         let to = light - self.reference;
         // A light cannot be inside the objects that it lights.
         let there = to.length().max(0.2 * distance);
         let nearer = (distance / there) as f32;
-        let direction = to.try_normalize().map_or(seen.direction, DVec3::as_vec3);
+        let from_there = to.try_normalize().unwrap_or(direction);
+        let turned = match remote {
+            Remote::Inverse(_) => 1.0,
+            Remote::Plane(plane) => plane.turned(from_there, direction) as f32,
+        };
         let moved = Seen {
-            direction,
-            irradiance: seen.irradiance * (nearer * nearer),
-            angular_radius: seen.angular_radius * nearer,
+            direction: from_there.as_vec3(),
+            irradiance: seen.irradiance * (nearer * nearer * turned),
+            angular_radius: seen.angular_radius * (nearer * turned.sqrt()),
         };
         let place = LightPlace {
             reference: self.reference.as_vec3(),
@@ -308,13 +361,54 @@ mod tests {
             irradiance: Vec3::splat((0.7 / (distance * distance)) as f32),
             angular_radius: (0.03 / distance) as f32,
         };
-        let (moved, place) = views.moved(seen, distance.recip() as f32);
+        let (moved, place) = views.moved(seen, Remote::Inverse(distance.recip() as f32));
         let there = lamp.distance(views.reference);
         let expected = 0.7 / (there * there);
         assert!((f64::from(moved.irradiance.x) - expected).abs() < 1e-5);
         assert!((f64::from(moved.angular_radius) - 0.03 / there).abs() < 1e-6);
         let at = place.reference + moved.direction / place.inverse_distance;
         assert!(at.as_dvec3().distance(lamp) < 1e-6);
-        assert_eq!(views.moved(seen, 0.0).1, LightPlace::FAR);
+        assert_eq!(views.moved(seen, Remote::Inverse(0.0)).1, LightPlace::FAR);
+    }
+
+    /// Patches of a window of the same radiance, seen at a slant, from elsewhere.
+    #[test]
+    fn window_has_the_same_radiance_from_everywhere() {
+        let views = Viewpoints {
+            observer: DVec3::ZERO,
+            mirrored: None,
+            reference: DVec3::new(0.6, 0.9, 0.1),
+        };
+        let plane = LampPlane {
+            normal: DVec3::X,
+            offset: 2.0,
+        };
+        for y in [-0.8, 0.0, 1.0] {
+            let patch = DVec3::new(2.0, y, 0.7);
+            let area = 0.01;
+            // Irradiance and half angle of a patch of the radiance 3.
+            let from = |eye: DVec3| {
+                let to = patch - eye;
+                let solid_angle = area * to.normalize().x / to.length_squared();
+                (
+                    3.0 * solid_angle,
+                    (solid_angle / std::f64::consts::PI).sqrt(),
+                )
+            };
+            let (here, there) = (from(views.observer), from(views.reference));
+            let seen = Seen {
+                direction: patch.normalize().as_vec3(),
+                irradiance: Vec3::splat(here.0 as f32),
+                angular_radius: here.1 as f32,
+            };
+            let (moved, place) = views.moved(seen, Remote::Plane(plane));
+            let at = place.position(moved.direction).expect("near").as_dvec3();
+            assert!(at.distance(patch) < 1e-5, "{at}");
+            assert!((f64::from(moved.irradiance.x) / there.0 - 1.0).abs() < 1e-4);
+            assert!((f64::from(moved.angular_radius) / there.1 - 1.0).abs() < 1e-4);
+        }
+        // Behind the observer there is no window.
+        assert_eq!(plane.inverse_from(DVec3::ZERO, -DVec3::X), 0.0);
+        assert_eq!(plane.inverse_from(DVec3::X * 2.0, DVec3::X), 0.0);
     }
 }

@@ -2,7 +2,7 @@
 
 use super::cube::tangent_frame;
 use super::light::{DomeLight, LightKind};
-use super::place::{LampDistance, Seen, Viewpoints};
+use super::place::{LampDistance, LampPlane, Remote, Seen, Viewpoints};
 use super::sources::{LUMINANCE, Source};
 use glam::{Mat3, Vec3};
 use std::f32::consts::PI;
@@ -28,6 +28,8 @@ pub(super) struct TrackedSource {
     pub solid_angle: f32,
     /// Its distance from the observer.
     pub distance: LampDistance,
+    /// The plane in which it is, if it is flat.
+    pub plane: Option<LampPlane>,
     /// Share of its light in clipped pixels.
     pub clipped: f32,
     /// Whether it is not seen, but known from its shadows.
@@ -50,6 +52,7 @@ impl TrackedSource {
             flux: Vec3::ZERO,
             solid_angle: 0.0,
             distance: LampDistance::FAR,
+            plane: None,
             clipped: 0.0,
             is_unseen: source.unseen.is_some(),
             lights: 0,
@@ -139,7 +142,9 @@ impl TrackedSource {
         let mut cuts = std::mem::take(&mut self.cuts);
         let axes = (self.axis, self.direction.cross(self.axis));
         let mut next = 0;
-        let (inverse_distance, is_unseen) = (self.distance.inverse, self.is_unseen);
+        let is_unseen = self.is_unseen;
+        let at_distance = Remote::Inverse(self.distance.inverse);
+        let remote = self.plane.map_or(at_distance, Remote::Plane);
         let views = &if is_unseen { views.direct() } else { *views };
         let leaf_solid_angle = self.solid_angle / self.lights.max(1) as f32;
         cut(
@@ -151,7 +156,7 @@ impl TrackedSource {
             &mut |leaf| {
                 // A lamp that is not seen may be lower than the observer, and still above the ground.
                 let seen = seen_from(leaf, leaf_solid_angle, ground && !is_unseen);
-                lights.push(light_of(seen, inverse_distance, ground, views));
+                lights.push(light_of(seen, remote, ground, views));
             },
         );
         self.cuts = cuts;
@@ -249,8 +254,8 @@ fn seen_from(parts: &[Part], solid_angle: f32, ground: bool) -> Seen {
 }
 
 /// Returns a light as the scene sees it.
-fn light_of(seen: Seen, inverse_distance: f32, ground: bool, views: &Viewpoints) -> DomeLight {
-    let (moved, place) = views.moved(seen, inverse_distance);
+fn light_of(seen: Seen, remote: Remote, ground: bool, views: &Viewpoints) -> DomeLight {
+    let (moved, place) = views.moved(seen, remote);
     DomeLight {
         direction: above_horizon(moved.direction, ground),
         irradiance: moved.irradiance,

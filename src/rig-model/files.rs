@@ -143,7 +143,10 @@ impl RigDocument {
                 albedo: phantom.albedo,
             });
         }
-        if let Some(sphere) = self.mirror_sphere.as_ref().filter(|s| s.in_scene) {
+        // A ball that is carried about is in no certain place.
+        let is_fixed = self.calibration.sphere_marker.is_none();
+        let sphere = self.mirror_sphere.as_ref();
+        if let Some(sphere) = sphere.filter(|s| s.in_scene && is_fixed) {
             scene.phantom_parts.push(mirror_phantom(sphere));
         }
         Ok(scene)
@@ -272,6 +275,32 @@ mod tests {
                 assert!((f64::from(ours.material.roughness) - factor).abs() < 1e-6);
             }
         }
+    }
+
+    #[test]
+    fn ball_that_is_carried_is_no_phantom() {
+        let mut rig = RigDocument::uncalibrated(64, 48);
+        rig.mirror_sphere = Some(MirrorSphere {
+            centre_in_world: DVec3::new(0.1, 0.2, 0.04),
+            radius: 0.04,
+            position_sigma: 0.0,
+            reflectance: [0.9; 3],
+            in_scene: true,
+        });
+        let nothing = |_: &str| None;
+        assert_eq!(rig.phantom_scene(&nothing).unwrap().phantom_parts.len(), 1);
+        rig.calibration.sphere_marker = Some(crate::SphereMarker {
+            family: penumbra_fiducials::Family::Tag36h11,
+            id: 5,
+            size: 0.05,
+            centre_in_marker: DVec3::ZERO,
+        });
+        assert!(
+            rig.phantom_scene(&nothing)
+                .unwrap()
+                .phantom_parts
+                .is_empty()
+        );
     }
 
     #[test]

@@ -5,7 +5,7 @@ use super::super::compact_source_specular::{excesses, owner};
 use super::super::cube::sample_seamless;
 use super::super::light::{CubeMap, Filtering};
 use super::super::lobes::widths;
-use super::super::place::{LightPlace, Seen};
+use super::super::place::{LightPlace, Remote, Seen};
 use super::super::prefilter::level_count;
 use super::*;
 use glam::{DVec3, Quat};
@@ -41,7 +41,7 @@ impl EnvironmentEstimator {
         let owner = |direction: Vec3| owner(sources.iter().map(as_seen), direction);
         let moved = |s: &CompactSource| {
             let views = if s.is_unseen { views.direct() } else { *views };
-            views.moved(as_seen(s), s.distance.inverse)
+            views.moved(as_seen(s), Remote::Inverse(s.distance.inverse))
         };
         let places: Vec<(Seen, LightPlace)> = sources.iter().map(moved).collect();
         if places.iter().all(|(_, place)| place.is_far()) {

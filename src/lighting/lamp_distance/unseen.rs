@@ -97,6 +97,21 @@ impl UnseenLamp {
         .moved(-source.viewpoint)
     }
 
+    /// The same lamp as an observer sees it that has moved by `by`, metres.
+    #[must_use]
+    pub fn seen_from_elsewhere(&self, by: Vec3) -> Self {
+        let moved = self.moved(by);
+        if self.distance.inverse <= 0.0 {
+            return *self;
+        }
+        let nearer = moved.distance.inverse / self.distance.inverse;
+        Self {
+            angular_radius: self.angular_radius * nearer,
+            irradiance: self.irradiance * (nearer * nearer),
+            ..moved
+        }
+    }
+
     /// Directions evenly spread over it.
     pub(crate) fn points(&self, count: usize) -> impl Iterator<Item = Vec3> + use<> {
         let (lamp, (right, up)) = (*self, tangent_frame(self.direction));

@@ -6,23 +6,27 @@
 //! estimate, on its own thread in a live rig; the [`estimator`] turns environment pictures, gains ([`estimator`]) and the radiance of
 //! real surfaces (`surfaces`) into lighting, and `indirect` adds the light that moving virtual
 //! objects reflect. `bracket_response` checks the environment
-//! camera's tone curve, `chart` matches both cameras by pictures of a chart, `places` finds where lamps are,
-//! `unseen_lamps` those that the environment camera does not see, both from what the scene camera's picture shows of
+//! camera's tone curve, `chart` matches both cameras by pictures of a chart, `places` finds where lamps are: as stated
+//! (`stated_lights`), from several views of them (`lamp_views`, with `bright_spots` in the scene camera's picture), and
+//! from real shadows; `unseen_lamps` finds those that the environment camera does not see, from what the scene camera's picture shows of
 //! real surfaces (`sight`), and `agreement` says how well real shadows confirm the light. `scene_tables` holds what the estimator derives from a scene; a changed scene
 //! reaches it through `updates`. `state` and `view` are the data in between.
 
 pub mod agreement;
 pub mod blended;
 pub(crate) mod bracket_response;
+mod bright_spots;
 pub(crate) mod chart;
 pub mod estimator;
 mod indirect;
+mod lamp_views;
 mod places;
 pub mod report;
 pub(crate) mod scene_tables;
 pub(crate) mod scheduler;
 mod sight;
 pub mod state;
+mod stated_lights;
 mod surfaces;
 mod timeline;
 mod transition;

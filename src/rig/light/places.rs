@@ -1,7 +1,10 @@
-//! Places of the lamps: as stated, or estimated from real shadows in the scene camera's picture.
+//! Places of the lamps: as stated, or estimated from real shadows in the scene camera's picture and from several views
+//! of them.
 
 use crate::light::agreement::{Agreements, PictureAgreement};
+use crate::light::lamp_views::LampViews;
 use crate::light::sight::Sight;
+use crate::light::stated_lights::StatedLights;
 use crate::light::surfaces::PhantomSurfaces;
 use crate::light::unseen_lamps::UnseenLamps;
 use crate::light::view::SceneView;
@@ -10,7 +13,8 @@ use penumbra_config::{EnvironmentConfig, LightPlaces};
 use penumbra_lighting::adaptive::CompactSource;
 use penumbra_lighting::clipped::nearest_factor;
 use penumbra_lighting::lamp_distance::{Colour, DistanceSearch, SeenLamp, SeenSurfaces};
-use penumbra_lighting::place::LampDistance;
+use penumbra_lighting::place::{LampDistance, LampPlane};
+use penumbra_lighting::triangulation::fused;
 use penumbra_lighting::{EnvironmentEstimator, Lighting};
 use penumbra_rig_model::RigCalibration;
 use penumbra_scene::RayCaster;
@@ -42,11 +46,15 @@ const MUCH: f32 = 1.2;
 /// Factor between the light of a source that is gone and that of a new one, below which they may be the same
 /// lamp.
 const SAME_LAMP: f32 = 1.5;
-/// Environment pictures after which all of the environment has probably been seen.
-const CHECKED_AFTER: u32 = 20;
-/// Angle between a stated light and a source, radians, in addition to the source's radius, up to
-/// which they are the same.
-const STATED_WITHIN: f32 = 0.15;
+/// Standard deviations by which the reciprocal of a distance by several views must be above 0.
+const NEAR: f32 = 3.0;
+/// Least distance of a lamp from the ball in which it is seen, metres.
+const LEAST_AWAY: f32 = 0.1;
+/// Standard deviations by which two estimates may differ.
+const AGREE: f32 = 4.0;
+/// Least standard deviation of a reciprocal distance by shadows, 1/m, and as a share: maps of phantoms and poses have
+/// errors of their own.
+const LEAST_SIGMA: (f32, f32) = (0.03, 0.03);
 
 /// What is known of a lamp that is followed.
 #[derive(Clone, Copy, Debug)]
@@ -54,7 +62,12 @@ struct Known {
     id: u32,
     /// Unit vector from the observer.
     direction: Vec3,
+    /// As stated, or by shadows.
     distance: LampDistance,
+    /// With what several views of it tell.
+    applied: LampDistance,
+    /// The plane in which it is, if that is stated.
+    plane: Option<LampPlane>,
     /// Factor on its clipped pixels, RGB.
     factor: Vec3,
     /// Looks in which its distance is still searched, although it seems to be far.
@@ -80,8 +93,10 @@ impl Known {
 pub(crate) struct LampPlaces {
     sight: Sight,
     rays: Arc<RayCaster>,
-    /// World positions, metres.
-    stated: Vec<DVec3>,
+    stated: StatedLights,
+    views: LampViews,
+    /// Where the environment was last seen from, world, metres.
+    observer: Option<DVec3>,
     is_estimated: bool,
     known: Vec<Known>,
     /// Directions and factors that the light was last estimated with.
@@ -90,8 +105,6 @@ pub(crate) struct LampPlaces {
     rests: u32,
     /// Number of looks.
     looks: u32,
-    /// Number of pictures.
-    pictures: u32,
     /// Looks until the energy of a clipped lamp that is new has settled.
     settling: u32,
     surfaces: SeenSurfaces,
@@ -110,17 +123,14 @@ impl LampPlaces {
         Self {
             sight: Sight::new(&rig.scene_camera),
             rays,
-            stated: settings
-                .room_lights
-                .iter()
-                .map(|p| DVec3::from(*p))
-                .collect(),
+            stated: StatedLights::new(&settings.room_lights),
+            views: LampViews::new(rig),
+            observer: None,
             is_estimated: settings.light_places == LightPlaces::Estimate,
             known: Vec::new(),
             applied: Vec::new(),
             rests: 0,
             looks: 0,
-            pictures: 0,
             settling: 0,
             surfaces: SeenSurfaces::default(),
             agreements: Agreements::default(),
@@ -162,12 +172,17 @@ impl LampPlaces {
         }
         let sources = estimator.sources();
         self.follow(&sources, estimator);
-        self.check_stated(&sources, observer);
+        self.move_observer(&sources, observer);
+        self.stated.check(&sources, observer);
         let mut gained = self.place_stated(&sources, observer);
+        self.see(scene, &sources, observer);
         gained |= self.estimate(scene, (lighting, phantoms), (estimator, &sources, observer));
+        gained |= self.combine(&sources, observer);
         let known = self.known.iter();
-        let distances: Vec<_> = known.map(|k| (k.id, k.distance)).collect();
+        let distances: Vec<_> = known.map(|k| (k.id, k.applied)).collect();
         estimator.set_distances(&distances);
+        let planes = self.known.iter().filter_map(|k| Some((k.id, k.plane?)));
+        estimator.set_planes(&planes.collect::<Vec<_>>());
         // What is left of a source when its clipped pixels have become a source of their own has none.
         let is_clipped = |k: &&Known| sources.iter().any(|s| s.id == k.id && s.clipped > 0.0);
         let clipped = self.known.iter().filter(is_clipped);
@@ -192,46 +207,79 @@ impl LampPlaces {
                 self.rests = 0;
             }
             known.direction = source.map_or(known.direction, |s| s.direction);
-            source.is_some() && !known.parts(sources)
+            let is_certain = source.is_some() && !known.parts(sources);
+            if !is_certain {
+                self.views.forget(known.id);
+            }
+            is_certain
         });
     }
 
-    /// Warns once of stated lights that nothing is seen of.
-    fn check_stated(&mut self, sources: &[CompactSource], observer: DVec3) {
-        self.pictures = self.pictures.saturating_add(1);
-        if self.pictures == CHECKED_AFTER {
-            for at in self.stated_in_vain(sources, observer) {
-                tracing::warn!(
-                    "[[room_light]] at {:.2}, {:.2}, {:.2} m: the environment camera sees no light in that \
-                     direction, so it has no effect; is the position right, and is the lamp on?",
-                    at.x,
-                    at.y,
-                    at.z
-                );
-            }
+    /// Lamps stay where they are while the ball in which they are seen is carried about.
+    fn move_observer(&mut self, sources: &[CompactSource], observer: DVec3) {
+        let Some(before) = self.observer.replace(observer) else {
+            return;
+        };
+        if before == observer {
+            return;
+        }
+        self.unseen.move_observer(observer - before);
+        for known in &mut self.known {
+            let source = sources.iter().find(|s| s.id == known.id);
+            let Some(source) = source.filter(|_| known.distance.inverse > 0.0) else {
+                continue;
+            };
+            // Along the ray on which it is seen now.
+            let moved = (observer - before).as_vec3().dot(source.direction);
+            let away = |d: &LampDistance| (d.inverse.recip() - moved).max(LEAST_AWAY);
+            let now = away(&known.distance).recip();
+            let scale = now / known.distance.inverse;
+            known.distance.inverse = now;
+            known.distance.sigma *= scale * scale;
         }
     }
 
-    /// Returns the stated lights in whose direction there is no source.
-    fn stated_in_vain<'a>(
-        &'a self,
-        sources: &'a [CompactSource],
-        observer: DVec3,
-    ) -> impl Iterator<Item = DVec3> + 'a {
-        let all = self.stated.iter().copied();
-        all.filter(move |at| !sources.iter().any(|s| is_stated_at(s, *at, observer)))
+    /// Notes from where the lamps are seen; one that has moved keeps the distance that it had.
+    fn see(&mut self, scene: &SceneView<'_>, sources: &[CompactSource], observer: DVec3) {
+        if !self.is_estimated || !Sight::fits(scene) {
+            return;
+        }
+        let moved = self.views.see(scene, (sources, observer), &self.rays);
+        for known in self.known.iter_mut().filter(|k| moved.contains(&k.id)) {
+            known.distance = known.applied;
+        }
+    }
+
+    /// Combines what shadows and several views tell of each lamp; true if one has gained a place.
+    fn combine(&mut self, sources: &[CompactSource], observer: DVec3) -> bool {
+        let mut gained = false;
+        for known in &mut self.known {
+            let Some(source) = sources.iter().find(|s| s.id == known.id) else {
+                continue;
+            };
+            let by_views = self.views.distance(source, observer);
+            let now = combined(known.distance, by_views);
+            gained |= known.applied.inverse == 0.0 && now.inverse > 0.0;
+            known.applied = now;
+        }
+        gained
     }
 
     /// Gives new lamps the places that are stated; true if there are any.
     fn place_stated(&mut self, sources: &[CompactSource], observer: DVec3) -> bool {
         let mut gained = false;
         for source in sources {
-            let stated = self.stated_distance(source, observer);
-            if let Some(distance) = stated.filter(|_| self.known(source.id).is_none()) {
+            if self.known(source.id).is_some() {
+                continue;
+            }
+            if let Some(stated) = self.stated.place(source, observer) {
                 if source.clipped > CLIPPED {
                     (self.settling, self.rests) = (SETTLING, 0);
                 }
-                self.note(source, distance, self.applied_to(source));
+                self.note(source, stated.distance, self.applied_to(source));
+                if let Some(known) = self.known.iter_mut().find(|k| k.id == source.id) {
+                    known.plane = stated.plane;
+                }
                 gained = true;
             }
         }
@@ -247,6 +295,10 @@ impl LampPlaces {
             id: source.id,
             direction: source.direction,
             distance,
+            applied: self
+                .known(source.id)
+                .map_or(LampDistance::FAR, |k| k.applied),
+            plane: self.known(source.id).and_then(|k| k.plane),
             factor,
             tries: self.known(source.id).map_or(TRIES, |k| k.tries),
             met: self.known(source.id).and_then(|k| k.met),
@@ -265,25 +317,13 @@ impl LampPlaces {
             .unwrap_or(Vec3::ONE)
     }
 
-    /// The distance of a stated light in the direction of a source.
-    fn stated_distance(&self, source: &CompactSource, observer: DVec3) -> Option<LampDistance> {
-        let towards = |at: DVec3| stated_towards(source, at, observer);
-        let angle = |at: DVec3| towards(at).angle_between(source.direction);
-        let all = self.stated.iter().copied();
-        let nearest = all.min_by(|a, b| angle(*a).total_cmp(&angle(*b)))?;
-        is_stated_at(source, nearest, observer).then(|| LampDistance {
-            inverse: towards(nearest).length().max(0.05).recip(),
-            sigma: 0.0,
-        })
-    }
-
     /// Whether lamps that were far are searched again in this look.
     fn is_late(&self) -> bool {
         self.looks.is_multiple_of(SEARCH_AGAIN)
     }
 
     fn is_stated(&self, source: &CompactSource, observer: DVec3) -> bool {
-        self.stated_distance(source, observer).is_some()
+        self.stated.place(source, observer).is_some()
     }
 
     /// Estimates distances from the shadows in the picture; true if a lamp has gained a place.
@@ -319,7 +359,7 @@ impl LampPlaces {
             .partition(|lamp| !lamp.source.is_unseen);
         for lamp in &mut all {
             let known = self.known(lamp.source.id);
-            lamp.source.distance = known.map_or(LampDistance::FAR, |k| k.distance);
+            lamp.source.distance = known.map_or(LampDistance::FAR, |k| k.applied);
             lamp.is_energy_unknown = known.is_none() && lamp.source.clipped > CLIPPED;
         }
         let lamps: Vec<CompactSource> = all.iter().map(|lamp| lamp.source).collect();
@@ -390,11 +430,12 @@ impl LampPlaces {
                 new.push(k);
                 continue;
             };
-            if known.distance.inverse == 0.0 {
+            let near = known.distance.inverse.max(known.applied.inverse);
+            if near == 0.0 {
                 let is_tried = known.tries > 0 || is_late;
                 far.extend(is_tried.then_some(k));
-            } else if let Some(mut now) = search.find(k, known.distance.inverse) {
-                if now.inverse > 0.0 {
+            } else if let Some(mut now) = search.find(k, near) {
+                if now.inverse > 0.0 && known.distance.inverse > 0.0 {
                     now.inverse =
                         known.distance.inverse + (now.inverse - known.distance.inverse) * SHARE;
                 }
@@ -486,15 +527,27 @@ impl LampPlaces {
     }
 }
 
-/// The vector to a stated light from where the source is seen, metres.
-fn stated_towards(source: &CompactSource, at: DVec3, observer: DVec3) -> Vec3 {
-    (at - observer).as_vec3() - source.viewpoint
-}
-
-/// Whether a source is in the direction of a stated light.
-fn is_stated_at(source: &CompactSource, at: DVec3, observer: DVec3) -> bool {
-    let angle = stated_towards(source, at, observer).angle_between(source.direction);
-    angle < source.angular_radius + STATED_WITHIN
+/// Combines what the shadows tell of a lamp's distance with what several views of it tell, and whether these were
+/// from more than two places: two may show two different things.
+fn combined(by_shadows: LampDistance, by_views: Option<(LampDistance, bool)>) -> LampDistance {
+    let Some((by_views, is_certain)) = by_views.filter(|_| by_shadows.sigma > 0.0) else {
+        return by_shadows;
+    };
+    let is_near = by_views.inverse > NEAR * by_views.sigma;
+    if by_shadows.inverse == 0.0 {
+        return if is_near { by_views } else { by_shadows };
+    }
+    let least = LEAST_SIGMA.0 + LEAST_SIGMA.1 * by_shadows.inverse;
+    let by_shadows = LampDistance {
+        sigma: by_shadows.sigma.max(least),
+        ..by_shadows
+    };
+    let apart = (by_views.inverse - by_shadows.inverse).abs();
+    match apart < AGREE * by_views.sigma.hypot(by_shadows.sigma) {
+        true => fused(by_shadows, by_views),
+        false if is_certain && is_near => by_views,
+        false => by_shadows,
+    }
 }
 
 /// Whether a source that is `gone` is probably one of the new ones: it has moved farther than it could be
@@ -507,10 +560,11 @@ fn has_moved(gone: &CompactSource, before: &[CompactSource], now: &[CompactSourc
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
+    use penumbra_config::RoomLight;
 
-    fn source(id: u32, azimuth: f32) -> CompactSource {
+    pub(in crate::light) fn source(id: u32, azimuth: f32) -> CompactSource {
         CompactSource {
             id,
             viewpoint: Vec3::ZERO,
@@ -530,6 +584,8 @@ mod tests {
             id: 1,
             direction: Vec3::X,
             distance: LampDistance::FAR,
+            applied: LampDistance::FAR,
+            plane: None,
             factor: Vec3::ONE,
             tries: 0,
             met: None,
@@ -569,7 +625,9 @@ mod tests {
         let rays = Arc::new(RayCaster::from_parts(&[]));
         let rig = penumbra_rig_model::RigDocument::uncalibrated(64, 48).calibration;
         let mut places = LampPlaces::new(&rig, rays, &EnvironmentConfig::default());
-        places.stated = vec![DVec3::X];
+        places.stated = StatedLights::new(&[RoomLight::Lamp {
+            position: [1.0, 0.0, 0.0],
+        }]);
         assert!(places.place_stated(&[source(1, 0.0)], DVec3::ZERO));
         assert_eq!(places.settling, 0);
         places.rests = INTERVAL;
@@ -582,14 +640,46 @@ mod tests {
     }
 
     #[test]
-    fn stated_light_that_nothing_is_seen_of_is_told() {
+    fn lamp_stays_where_it_is_while_the_ball_is_carried() {
         let rays = Arc::new(RayCaster::from_parts(&[]));
         let rig = penumbra_rig_model::RigDocument::uncalibrated(64, 48).calibration;
         let mut places = LampPlaces::new(&rig, rays, &EnvironmentConfig::default());
-        places.stated = vec![DVec3::X, DVec3::new(0.0, 2.0, 1.0)];
-        let sources = [source(1, 0.1), source(2, 2.0)];
-        let told: Vec<DVec3> = places.stated_in_vain(&sources, DVec3::ZERO).collect();
-        assert_eq!(told, [DVec3::new(0.0, 2.0, 1.0)]);
+        let near = LampDistance {
+            inverse: 2.0,
+            sigma: 0.1,
+        };
+        places.known = vec![Known {
+            distance: near,
+            ..lamp()
+        }];
+        let sources = [source(1, 0.0)];
+        places.move_observer(&sources, DVec3::ZERO);
+        assert_eq!(places.known[0].distance, near);
+        places.move_observer(&sources, DVec3::X * 0.3);
+        let now = places.known[0].distance;
+        assert!((now.inverse - 5.0).abs() < 1e-4, "{now:?}");
+        assert!((now.sigma - 0.625).abs() < 1e-4, "{now:?}");
+    }
+
+    #[test]
+    fn views_and_shadows_are_combined() {
+        let of = |inverse, sigma| LampDistance { inverse, sigma };
+        let far = LampDistance::FAR;
+        assert_eq!(combined(of(1.0, 0.1), None), of(1.0, 0.1));
+        assert_eq!(combined(far, Some((of(1.0, 0.1), true))), of(1.0, 0.1));
+        // Not certainly near.
+        assert_eq!(combined(far, Some((of(0.2, 0.1), true))), far);
+        let both = combined(of(1.0, 0.2), Some((of(1.2, 0.1), true)));
+        assert!(
+            (both.inverse - 1.16).abs() < 1e-3 && both.sigma < 0.1,
+            "{both:?}"
+        );
+        // They contradict: two places may show two things.
+        let other = of(3.0, 0.1);
+        assert_eq!(combined(of(1.0, 0.1), Some((other, true))), other);
+        assert_eq!(combined(of(1.0, 0.1), Some((other, false))).inverse, 1.0);
+        // What is stated is not changed.
+        assert_eq!(combined(of(1.0, 0.0), Some((other, true))), of(1.0, 0.0));
     }
 
     #[test]

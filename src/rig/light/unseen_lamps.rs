@@ -1,6 +1,6 @@
 //! Lamps that the environment camera does not see, as long as real shadows show them.
 
-use glam::Vec3;
+use glam::{DVec3, Vec3};
 use penumbra_lighting::EnvironmentEstimator;
 use penumbra_lighting::adaptive::CompactSource;
 use penumbra_lighting::lamp_distance::{DistanceSearch, Hiding, SeenLamp, UnseenLamp};
@@ -46,6 +46,13 @@ impl UnseenLamps {
     /// Searches from the beginning.
     pub fn restart(&mut self) {
         self.looks = 0;
+    }
+
+    /// The environment is seen from elsewhere from now on, by `shift`, metres.
+    pub fn move_observer(&mut self, shift: DVec3) {
+        for followed in &mut self.all {
+            followed.lamp = followed.lamp.seen_from_elsewhere(shift.as_vec3());
+        }
     }
 
     /// Forgets lamps where nothing hides them any more: they are among those that are seen. True if there was one.
