@@ -8,7 +8,6 @@ use glam::Vec3;
 use penumbra_config::Config;
 use penumbra_lighting::adaptive::CompactSource;
 use penumbra_lighting::photograph::{PhotographKind, SurroundingsCircle};
-use penumbra_lighting::place::LampDistance;
 use penumbra_lighting::{Circle, LightReport};
 use penumbra_rig::light::report::light_of_session;
 use penumbra_session::Session;
@@ -128,18 +127,13 @@ fn describe(report: &LightReport) -> String {
 
 /// Describes a compact source as the environment camera sees it.
 fn describe_lamp(source: &CompactSource) -> String {
-    let LampDistance { inverse, sigma } = source.distance;
     let direction = describe_direction(source.direction);
-    let mut text = match source.position {
-        Some(at) if inverse > 0.0 => format!(
-            "lamp at ({:.2}, {:.2}, {:.2}) m, {:.2} ± {:.2} m from the environment camera, {direction}",
-            at.x,
-            at.y,
-            at.z,
-            inverse.recip(),
-            sigma / (inverse * inverse)
+    let mut text = match source.position.zip(source.distance.metres()) {
+        Some((at, (away, sigma))) => format!(
+            "lamp at ({:.2}, {:.2}, {:.2}) m, {away:.2} ± {sigma:.2} m from the environment camera, {direction}",
+            at.x, at.y, at.z,
         ),
-        _ => format!("lamp at {direction}, how far is not known: it counts as infinitely far"),
+        None => format!("lamp at {direction}, how far is not known: it counts as infinitely far"),
     };
     if source.clipped > 0.0 {
         let _ = write!(

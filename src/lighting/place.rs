@@ -198,6 +198,13 @@ impl LampDistance {
         inverse: 0.0,
         sigma: f32::INFINITY,
     };
+
+    /// Returns the distance and its standard deviation, metres; `None` if the lamp may be far.
+    #[must_use]
+    pub fn metres(&self) -> Option<(f32, f32)> {
+        let inverse = self.inverse;
+        (inverse > 0.0).then(|| (inverse.recip(), self.sigma / (inverse * inverse)))
+    }
 }
 
 /// The plane of a window, or of another flat source that shines evenly: a point p is on it if `normal`·p = `offset`.

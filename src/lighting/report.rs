@@ -11,7 +11,7 @@ use super::light::{DomeLight, LightKind, Lighting};
 use super::photograph::{
     PhotographCalibration, PhotographError, PhotographKind, SurroundingsCircle, read_picture,
 };
-use super::place::{LampDistance, LightPlace};
+use super::place::LightPlace;
 use super::settings::{EnvironmentError, EnvironmentInput, EnvironmentSettings};
 use super::sources::{LUMINANCE, SourceSettings};
 use glam::{DVec2, Mat3, Vec3};
@@ -404,13 +404,12 @@ struct LampEntry {
 
 impl LampEntry {
     fn new(source: &CompactSource) -> Self {
-        let LampDistance { inverse, sigma } = source.distance;
-        let is_near = source.position.is_some() && inverse > 0.0;
+        let metres = source.distance.metres();
         Self {
             direction: source.direction.to_array(),
             position: source.position.map(|at| at.to_array()),
-            distance_m: is_near.then(|| inverse.recip()),
-            distance_sigma_m: is_near.then(|| sigma / (inverse * inverse)),
+            distance_m: metres.map(|(away, _)| away),
+            distance_sigma_m: metres.map(|(_, sigma)| sigma),
             clipped: source.clipped.clamp(0.0, 1.0),
             unseen: source.is_unseen,
         }

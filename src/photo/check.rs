@@ -2,8 +2,9 @@
 //! the ball is the truth for the one without.
 
 use crate::photograph::reduced;
+use crate::shadow::{mean_light, nine};
 use crate::{Analysis, BallPicture};
-use glam::DVec2;
+use glam::{DVec2, IVec2};
 use penumbra_camera::Response;
 use penumbra_lighting::Circle;
 use penumbra_picture::Picture;
@@ -117,19 +118,9 @@ impl Analysis {
     }
 }
 
-/// Returns the mean light of 3 × 3 pixels, in which noise and grain do not select the pixels; `None` at
-/// the picture's border and outside.
+/// Returns the mean light around a pixel; `None` at the picture's border and outside.
 fn light(picture: &Picture, response: &Response, x: i64, y: i64) -> Option<f64> {
-    let inner = |at: i64, size: u32| (1..i64::from(size) - 1).contains(&at);
-    if !inner(x, picture.width) || !inner(y, picture.height) {
-        return None;
-    }
-    let around = (0..9).map(|i| ((x + i % 3 - 1) as u32, (y + i / 3 - 1) as u32));
-    let light = |(u, v)| {
-        response
-            .linear_from_rgb(picture.rgb(u, v))
-            .iter()
-            .sum::<f32>()
-    };
-    Some(f64::from(around.map(light).sum::<f32>()) / 27.0)
+    let at = IVec2::new(i32::try_from(x).ok()?, i32::try_from(y).ok()?);
+    let mean = mean_light(&nine(picture, at)?, response);
+    Some(f64::from(mean.element_sum() / 3.0))
 }

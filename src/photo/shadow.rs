@@ -16,6 +16,7 @@ use crate::ball::FINEST;
 use crate::photograph::reduced;
 use crate::placement::{GroundFrom, Placement, by_tilt};
 use glam::{DQuat, DVec3, IVec2, Vec3};
+use penumbra_camera::Response;
 use penumbra_lighting::Harmonics;
 use penumbra_lighting::lamp_distance::SeenLamp;
 use penumbra_lighting::sources::LUMINANCE;
@@ -268,22 +269,31 @@ impl Analysis {
         }
     }
 
-    /// Returns the mean light of 3 × 3 pixels; `None` outside, and where one may be clipped.
+    /// Returns the mean light around a pixel; `None` outside, and where one may be clipped.
     fn light_of_pixels(&self, picture: &Picture, at: IVec2) -> Option<Vec3> {
-        let end = IVec2::new(picture.width as i32, picture.height as i32) - 1;
-        if at.min_element() < 1 || at.cmpge(end).any() {
-            return None;
-        }
-        let mut sum = Vec3::ZERO;
-        for i in 0..9 {
-            let codes = picture.rgb((at.x + i % 3 - 1) as u32, (at.y + i / 3 - 1) as u32);
-            if codes.iter().any(|code| *code >= WHITE) {
-                return None;
-            }
-            sum += Vec3::from(self.tone.response.linear_from_rgb(codes));
-        }
-        Some(sum / 9.0)
+        let is_clear = |codes: [u8; 3]| codes.iter().all(|code| *code < WHITE);
+        let pixels = nine(picture, at)?;
+        let is_seen = pixels.iter().all(|codes| is_clear(*codes));
+        is_seen.then(|| mean_light(&pixels, &self.tone.response))
     }
+}
+
+/// Returns the codes of 3 × 3 pixels, in which noise and grain do not select the pixels; `None` at the picture's border
+/// and outside.
+pub(crate) fn nine(picture: &Picture, at: IVec2) -> Option<[[u8; 3]; 9]> {
+    let end = IVec2::new(picture.width as i32, picture.height as i32) - 1;
+    if at.min_element() < 1 || at.cmpge(end).any() {
+        return None;
+    }
+    let pixel = |i: usize| at + IVec2::new(i as i32 % 3 - 1, i as i32 / 3 - 1);
+    let codes = |at: IVec2| picture.rgb(at.x as u32, at.y as u32);
+    Some(std::array::from_fn(|i| codes(pixel(i))))
+}
+
+/// Returns the mean light of pixels.
+pub(crate) fn mean_light(pixels: &[[u8; 3]; 9], response: &Response) -> Vec3 {
+    let light = pixels.map(|codes| Vec3::from(response.linear_from_rgb(codes)));
+    light.iter().sum::<Vec3>() / 9.0
 }
 
 impl Light {

@@ -234,15 +234,12 @@ pub(super) fn pose_answer(pose: Option<&sync::PoseAt>) -> PoseAnswer {
 }
 
 fn lamp(source: &CompactSource) -> LampStatus {
-    let near = source
-        .position
-        .map(|at| (at, f64::from(source.distance.inverse)));
+    let metres = source.distance.metres();
     LampStatus {
         direction: source.direction.as_dvec3().to_array(),
-        position: near.map(|(at, _)| at.to_array()),
-        distance_m: near.map(|(_, inverse)| inverse.recip()),
-        distance_sigma_m: near
-            .map(|(_, inverse)| f64::from(source.distance.sigma) / (inverse * inverse)),
+        position: source.position.map(|at| at.to_array()),
+        distance_m: metres.map(|(away, _)| f64::from(away)),
+        distance_sigma_m: metres.map(|(_, sigma)| f64::from(sigma)),
         clipped: f64::from(source.clipped.clamp(0.0, 1.0)),
         unseen: source.is_unseen,
     }
