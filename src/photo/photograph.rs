@@ -3,6 +3,7 @@
 use crate::error::PhotoError;
 use exif::{Exif, In, Tag, Value};
 use glam::DVec2;
+use image::{ImageDecoder, ImageReader};
 use moxcms::{ColorProfile, Layout, TransformOptions};
 use penumbra_lighting::photograph::read_picture_file;
 use penumbra_picture::Picture;
@@ -41,7 +42,15 @@ impl Photograph {
         let exif = exif::Reader::new()
             .read_from_container(&mut Cursor::new(&bytes))
             .ok();
-        let profile = icc_profile(&bytes).and_then(|icc| to_srgb(&icc, &mut picture));
+        let embedded = icc_profile(&bytes).and_then(|icc| ColorProfile::new_from_slice(&icc).ok());
+        let stated = || {
+            exif.as_ref()
+                .is_some_and(is_adobe_rgb)
+                .then(ColorProfile::new_adobe_rgb)
+        };
+        let profile = embedded
+            .or_else(stated)
+            .and_then(|profile| to_srgb(&profile, &mut picture));
         let side = f64::from(picture.width.max(picture.height));
         let is_lens = |focal: &f64| LENSES.contains(&(side / focal));
         let focal = exif
@@ -183,30 +192,28 @@ fn upright(picture: Picture, orientation: u32) -> Picture {
     }
 }
 
-/// Returns the ICC profile of a JPEG file (ICC.1:2010, annex B.4: APP2 segments in order).
+/// Returns the ICC profile of a JPEG or PNG file.
 fn icc_profile(bytes: &[u8]) -> Option<Vec<u8>> {
-    const NAME: &[u8] = b"ICC_PROFILE\0";
-    let mut profile = Vec::new();
-    let mut at = 2;
-    while let Some(&[0xff, marker, high, low]) = bytes.get(at..at + 4) {
-        let length = usize::from(u16::from_be_bytes([high, low]));
-        // The pictures' data follow the start of scan.
-        if marker == 0xda || length < 2 {
-            break;
-        }
-        let segment = bytes.get(at + 4..at + 2 + length)?;
-        if marker == 0xe2 && segment.starts_with(NAME) {
-            profile.extend_from_slice(segment.get(NAME.len() + 2..)?);
-        }
-        at += 2 + length;
-    }
-    (bytes.starts_with(b"\xff\xd8") && !profile.is_empty()).then_some(profile)
+    let reader = ImageReader::new(Cursor::new(bytes));
+    let mut decoder = reader.with_guessed_format().ok()?.into_decoder().ok()?;
+    decoder.icc_profile().ok()?
+}
+
+/// Whether the file's EXIF says Adobe RGB, as cameras do that add no profile: "uncalibrated", with the file name of
+/// Adobe RGB's option of DCF 2.0 (CIPA DC-009-2010, section 4.8.2).
+fn is_adobe_rgb(exif: &Exif) -> bool {
+    let is_uncalibrated = number(exif, Tag::ColorSpace) == Some(65_535.0);
+    let index = exif.get_field(Tag::InteroperabilityIndex, In::PRIMARY);
+    let is_option = index.is_some_and(|field| match &field.value {
+        Value::Ascii(texts) => texts.iter().any(|text| text.starts_with(b"R03")),
+        _ => false,
+    });
+    is_uncalibrated && is_option
 }
 
 /// Converts the codes of a picture to sRGB. Returns the profile's name unless it is sRGB itself, or
 /// none that can be used.
-fn to_srgb(icc: &[u8], picture: &mut Picture) -> Option<String> {
-    let profile = ColorProfile::new_from_slice(icc).ok()?;
+fn to_srgb(profile: &ColorProfile, picture: &mut Picture) -> Option<String> {
     let name = match profile.description.as_ref()? {
         moxcms::ProfileText::PlainString(text) => text.clone(),
         moxcms::ProfileText::Localizable(texts) => texts.first()?.value.clone(),
@@ -230,6 +237,11 @@ fn to_srgb(icc: &[u8], picture: &mut Picture) -> Option<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use exif::Field;
+    use exif::experimental::Writer;
+    use image::codecs::jpeg::JpegEncoder;
+    use image::codecs::png::PngEncoder;
+    use image::{ExtendedColorType, ImageEncoder};
 
     fn numbered(width: u32, height: u32) -> Picture {
         let rgba = (0..width * height).flat_map(|i| [i as u8, 0, 0, 255]);
@@ -265,36 +277,81 @@ mod tests {
 
     #[test]
     fn wide_colours_are_converted_and_srgb_is_left_alone() {
-        let icc = |profile: ColorProfile| profile.encode().unwrap();
         let red = Picture {
             width: 1,
             height: 1,
             rgba: vec![200, 90, 40, 255],
         };
-        let mut wide = red.clone();
-        let name = to_srgb(&icc(ColorProfile::new_display_p3()), &mut wide);
-        assert!(name.unwrap().contains("P3"));
-        // Display P3's primaries are outside of sRGB: the same codes are a stronger colour.
-        let [r, g, b] = wide.rgb(0, 0);
-        assert!(r > 205 && g < 90 && b < 40, "{r} {g} {b}");
+        for (profile, known) in [
+            (ColorProfile::new_display_p3(), "P3"),
+            (ColorProfile::new_adobe_rgb(), "Adobe"),
+        ] {
+            let mut wide = red.clone();
+            let name = to_srgb(&profile, &mut wide).unwrap();
+            assert!(name.contains(known), "{name}");
+            // The primaries are outside of sRGB: the same codes are a stronger colour.
+            let [r, g, b] = wide.rgb(0, 0);
+            assert!(r > 205 && g <= 90 && b < 40, "{r} {g} {b}");
+        }
         let mut same = red.clone();
-        assert_eq!(to_srgb(&icc(ColorProfile::new_srgb()), &mut same), None);
+        assert_eq!(to_srgb(&ColorProfile::new_srgb(), &mut same), None);
         assert_eq!(same, red);
     }
 
+    /// The files of both formats with the profile of Display P3.
+    fn with_profile() -> [Vec<u8>; 2] {
+        let profile = || ColorProfile::new_display_p3().encode().unwrap();
+        let pixels = [200, 90, 40].repeat(64);
+        let (mut png, mut jpeg) = (Vec::new(), Vec::new());
+        let mut encoder = PngEncoder::new(&mut png);
+        encoder.set_icc_profile(profile()).unwrap();
+        let kind = ExtendedColorType::Rgb8;
+        encoder.write_image(&pixels, 8, 8, kind).unwrap();
+        let mut encoder = JpegEncoder::new_with_quality(&mut jpeg, 95);
+        encoder.set_icc_profile(profile()).unwrap();
+        encoder.write_image(&pixels, 8, 8, kind).unwrap();
+        [png, jpeg]
+    }
+
     #[test]
-    fn profile_is_joined_from_segments_and_damage_is_no_panic() {
-        let mut file = b"\xff\xd8".to_vec();
-        for (number, part) in [(1, b"abc"), (2, b"def")] {
-            file.extend(b"\xff\xe2\x00\x13ICC_PROFILE\0");
-            file.extend([number, 2]);
-            file.extend(part);
+    fn profiles_of_both_formats_are_read_and_damage_is_no_panic() {
+        let folder = tempfile::tempdir().unwrap();
+        for (name, file) in ["wide.png", "wide.jpg"].iter().zip(with_profile()) {
+            let path = folder.path().join(name);
+            std::fs::write(&path, &file).unwrap();
+            let photo = Photograph::read(&path).unwrap();
+            assert!(photo.profile.unwrap().contains("P3"), "{name}");
+            for end in 0..file.len() {
+                let _ = icc_profile(&file[..end]);
+            }
         }
-        file.extend(b"\xff\xda\x00\x02");
-        assert_eq!(icc_profile(&file).unwrap(), b"abcdef");
-        for end in 0..file.len() {
-            let _ = icc_profile(&file[..end]);
-        }
-        assert!(to_srgb(b"abcdef", &mut numbered(2, 2)).is_none());
+        assert_eq!(icc_profile(b"abcdef"), None);
+    }
+
+    #[test]
+    fn adobe_rgb_is_told_by_exif_without_a_profile() {
+        let exif = |space: u16, option: &str| {
+            let field = |tag, value| Field {
+                tag,
+                ifd_num: In::PRIMARY,
+                value,
+            };
+            let all = [
+                field(Tag::ColorSpace, Value::Short(vec![space])),
+                field(
+                    Tag::InteroperabilityIndex,
+                    Value::Ascii(vec![option.as_bytes().to_vec()]),
+                ),
+            ];
+            let mut writer = Writer::new();
+            all.iter().for_each(|field| writer.push_field(field));
+            let mut bytes = Cursor::new(Vec::new());
+            writer.write(&mut bytes, false).unwrap();
+            let reader = exif::Reader::new();
+            reader.read_raw(bytes.into_inner()).unwrap()
+        };
+        assert!(is_adobe_rgb(&exif(65_535, "R03")));
+        assert!(!is_adobe_rgb(&exif(65_535, "R98")));
+        assert!(!is_adobe_rgb(&exif(1, "R03")));
     }
 }
