@@ -6,7 +6,7 @@
 //! estimate, on its own thread in a live rig; the [`estimator`] turns environment pictures, gains ([`estimator`]) and the radiance of
 //! real surfaces (`surfaces`) into lighting, and `indirect` adds the light that moving virtual
 //! objects reflect. `bracket_response` checks the environment
-//! camera's tone curve, `chart` matches both cameras by pictures of a chart, `places` finds where lamps are: as stated
+//! camera's tone curve, `chart` matches both cameras by pictures of a chart, `places` finds where lamps (`known_lamp`) are: as stated
 //! (`stated_lights`), from several views of them (`lamp_views`, with `bright_spots` in the scene camera's picture), and
 //! from real shadows; `unseen_lamps` finds those that the environment camera does not see, from what the scene camera's picture shows of
 //! real surfaces (`sight`), and `agreement` says how well real shadows confirm the light. `scene_tables` holds what the estimator derives from a scene; a changed scene
@@ -19,6 +19,7 @@ mod bright_spots;
 pub(crate) mod chart;
 pub mod estimator;
 mod indirect;
+mod known_lamp;
 mod lamp_views;
 mod places;
 pub mod report;

@@ -2,6 +2,7 @@
 //! of them.
 
 use crate::light::agreement::{Agreements, PictureAgreement};
+use crate::light::known_lamp::{Known, combined};
 use crate::light::lamp_views::LampViews;
 use crate::light::sight::Sight;
 use crate::light::stated_lights::StatedLights;
@@ -13,8 +14,7 @@ use penumbra_config::{EnvironmentConfig, LightPlaces};
 use penumbra_lighting::adaptive::CompactSource;
 use penumbra_lighting::clipped::nearest_factor;
 use penumbra_lighting::lamp_distance::{Colour, DistanceSearch, SeenLamp, SeenSurfaces};
-use penumbra_lighting::place::{LampDistance, LampPlane};
-use penumbra_lighting::triangulation::fused;
+use penumbra_lighting::place::LampDistance;
 use penumbra_lighting::{EnvironmentEstimator, Lighting};
 use penumbra_rig_model::RigCalibration;
 use penumbra_scene::RayCaster;
@@ -26,9 +26,6 @@ const INTERVAL: u32 = 6;
 const SEARCH_AGAIN: u32 = 5;
 /// Looks in which the distance of a lamp that is new is searched, although it seems to be far.
 const TRIES: u32 = 4;
-/// Angle between two sources, radians, below which one may be taken for the other from picture to
-/// picture, and above which they are told apart again.
-const MEETING: (f32, f32) = (0.2, 0.25);
 /// Number of lamps whose distances are searched, the strongest.
 const LAMPS: usize = 8;
 /// Share of a new estimate in the distance and the energy of a lamp that is followed.
@@ -46,49 +43,6 @@ const MUCH: f32 = 1.2;
 /// Factor between the light of a source that is gone and that of a new one, below which they may be the same
 /// lamp.
 const SAME_LAMP: f32 = 1.5;
-/// Standard deviations by which the reciprocal of a distance by several views must be above 0.
-const NEAR: f32 = 3.0;
-/// Least distance of a lamp from the ball in which it is seen, metres.
-const LEAST_AWAY: f32 = 0.1;
-/// Standard deviations by which two estimates may differ.
-const AGREE: f32 = 4.0;
-/// Least standard deviation of a reciprocal distance by shadows, 1/m, and as a share: maps of phantoms and poses have
-/// errors of their own.
-const LEAST_SIGMA: (f32, f32) = (0.03, 0.03);
-
-/// What is known of a lamp that is followed.
-#[derive(Clone, Copy, Debug)]
-struct Known {
-    id: u32,
-    /// Unit vector from the observer.
-    direction: Vec3,
-    /// As stated, or by shadows.
-    distance: LampDistance,
-    /// With what several views of it tell.
-    applied: LampDistance,
-    /// The plane in which it is, if that is stated.
-    plane: Option<LampPlane>,
-    /// Factor on its clipped pixels, RGB.
-    factor: Vec3,
-    /// Looks in which its distance is still searched, although it seems to be far.
-    tries: u32,
-    /// The source that it has come close to.
-    met: Option<u32>,
-}
-
-impl Known {
-    /// Whether the lamp moves away from a source that it had come close to.
-    fn parts(&mut self, sources: &[CompactSource]) -> bool {
-        let angle = |s: &CompactSource| s.direction.angle_between(self.direction);
-        let others = || sources.iter().filter(|s| s.id != self.id);
-        let met = self.met.and_then(|id| others().find(|s| s.id == id));
-        let parts = met.is_some_and(|s| angle(s) > MEETING.1);
-        let close = others().find(|s| angle(s) < MEETING.0).map(|s| s.id);
-        self.met = met.map(|s| s.id).or(close);
-        parts
-    }
-}
-
 /// Finds the places of lamps, and follows them.
 pub(crate) struct LampPlaces {
     sight: Sight,
@@ -225,17 +179,9 @@ impl LampPlaces {
         }
         self.unseen.move_observer(observer - before);
         for known in &mut self.known {
-            let source = sources.iter().find(|s| s.id == known.id);
-            let Some(source) = source.filter(|_| known.distance.inverse > 0.0) else {
-                continue;
-            };
-            // Along the ray on which it is seen now.
-            let moved = (observer - before).as_vec3().dot(source.direction);
-            let away = |d: &LampDistance| (d.inverse.recip() - moved).max(LEAST_AWAY);
-            let now = away(&known.distance).recip();
-            let scale = now / known.distance.inverse;
-            known.distance.inverse = now;
-            known.distance.sigma *= scale * scale;
+            if let Some(source) = sources.iter().find(|s| s.id == known.id) {
+                known.move_observer((observer - before).as_vec3(), source.direction);
+            }
         }
     }
 
@@ -527,29 +473,6 @@ impl LampPlaces {
     }
 }
 
-/// Combines what the shadows tell of a lamp's distance with what several views of it tell, and whether these were
-/// from more than two places: two may show two different things.
-fn combined(by_shadows: LampDistance, by_views: Option<(LampDistance, bool)>) -> LampDistance {
-    let Some((by_views, is_certain)) = by_views.filter(|_| by_shadows.sigma > 0.0) else {
-        return by_shadows;
-    };
-    let is_near = by_views.inverse > NEAR * by_views.sigma;
-    if by_shadows.inverse == 0.0 {
-        return if is_near { by_views } else { by_shadows };
-    }
-    let least = LEAST_SIGMA.0 + LEAST_SIGMA.1 * by_shadows.inverse;
-    let by_shadows = LampDistance {
-        sigma: by_shadows.sigma.max(least),
-        ..by_shadows
-    };
-    let apart = (by_views.inverse - by_shadows.inverse).abs();
-    match apart < AGREE * by_views.sigma.hypot(by_shadows.sigma) {
-        true => fused(by_shadows, by_views),
-        false if is_certain && is_near => by_views,
-        false => by_shadows,
-    }
-}
-
 /// Whether a source that is `gone` is probably one of the new ones: it has moved farther than it could be
 /// followed.
 fn has_moved(gone: &CompactSource, before: &[CompactSource], now: &[CompactSource]) -> bool {
@@ -560,154 +483,4 @@ fn has_moved(gone: &CompactSource, before: &[CompactSource], now: &[CompactSourc
 }
 
 #[cfg(test)]
-pub(super) mod tests {
-    use super::*;
-    use penumbra_config::RoomLight;
-
-    pub(in crate::light) fn source(id: u32, azimuth: f32) -> CompactSource {
-        CompactSource {
-            id,
-            viewpoint: Vec3::ZERO,
-            direction: Vec3::new(azimuth.cos(), azimuth.sin(), 0.0),
-            irradiance: Vec3::ONE,
-            angular_radius: 0.05,
-            distance: LampDistance::FAR,
-            position: None,
-            clipped: 0.0,
-            lights: 1,
-            is_unseen: false,
-        }
-    }
-
-    fn lamp() -> Known {
-        Known {
-            id: 1,
-            direction: Vec3::X,
-            distance: LampDistance::FAR,
-            applied: LampDistance::FAR,
-            plane: None,
-            factor: Vec3::ONE,
-            tries: 0,
-            met: None,
-        }
-    }
-
-    /// Whether a lamp that passes sources at these angles, picture by picture, is forgotten.
-    fn passes(angles: impl IntoIterator<Item = [f32; 2]>) -> bool {
-        let mut known = lamp();
-        let mut parted = false;
-        for angles in angles {
-            let others = [source(2, angles[0]), source(3, angles[1])];
-            parted |= known.parts(&others);
-        }
-        parted
-    }
-
-    #[test]
-    fn source_takes_over_the_factor_that_is_in_its_light() {
-        let rays = Arc::new(RayCaster::from_parts(&[]));
-        let rig = penumbra_rig_model::RigDocument::uncalibrated(64, 48).calibration;
-        let mut places = LampPlaces::new(&rig, rays, &EnvironmentConfig::default());
-        places.applied = vec![(Vec3::X, Vec3::splat(8.0)), (Vec3::Y, Vec3::splat(3.0))];
-        let clipped = |azimuth| CompactSource {
-            clipped: 0.9,
-            ..source(1, azimuth)
-        };
-        assert_eq!(places.applied_to(&clipped(0.1)), Vec3::splat(8.0));
-        assert_eq!(places.applied_to(&clipped(1.5)), Vec3::splat(3.0));
-        assert_eq!(places.applied_to(&clipped(0.8)), Vec3::ONE);
-        // None of its pixels was raised.
-        assert_eq!(places.applied_to(&source(1, 0.1)), Vec3::ONE);
-    }
-
-    #[test]
-    fn stated_lamp_that_is_clipped_settles_like_a_new_one() {
-        let rays = Arc::new(RayCaster::from_parts(&[]));
-        let rig = penumbra_rig_model::RigDocument::uncalibrated(64, 48).calibration;
-        let mut places = LampPlaces::new(&rig, rays, &EnvironmentConfig::default());
-        places.stated = StatedLights::new(&[RoomLight::Lamp {
-            position: [1.0, 0.0, 0.0],
-        }]);
-        assert!(places.place_stated(&[source(1, 0.0)], DVec3::ZERO));
-        assert_eq!(places.settling, 0);
-        places.rests = INTERVAL;
-        let clipped = CompactSource {
-            clipped: 0.9,
-            ..source(2, 0.0)
-        };
-        assert!(places.place_stated(&[clipped], DVec3::ZERO));
-        assert_eq!((places.settling, places.rests), (SETTLING, 0));
-    }
-
-    #[test]
-    fn lamp_stays_where_it_is_while_the_ball_is_carried() {
-        let rays = Arc::new(RayCaster::from_parts(&[]));
-        let rig = penumbra_rig_model::RigDocument::uncalibrated(64, 48).calibration;
-        let mut places = LampPlaces::new(&rig, rays, &EnvironmentConfig::default());
-        let near = LampDistance {
-            inverse: 2.0,
-            sigma: 0.1,
-        };
-        places.known = vec![Known {
-            distance: near,
-            ..lamp()
-        }];
-        let sources = [source(1, 0.0)];
-        places.move_observer(&sources, DVec3::ZERO);
-        assert_eq!(places.known[0].distance, near);
-        places.move_observer(&sources, DVec3::X * 0.3);
-        let now = places.known[0].distance;
-        assert!((now.inverse - 5.0).abs() < 1e-4, "{now:?}");
-        assert!((now.sigma - 0.625).abs() < 1e-4, "{now:?}");
-    }
-
-    #[test]
-    fn views_and_shadows_are_combined() {
-        let of = |inverse, sigma| LampDistance { inverse, sigma };
-        let far = LampDistance::FAR;
-        assert_eq!(combined(of(1.0, 0.1), None), of(1.0, 0.1));
-        assert_eq!(combined(far, Some((of(1.0, 0.1), true))), of(1.0, 0.1));
-        // Not certainly near.
-        assert_eq!(combined(far, Some((of(0.2, 0.1), true))), far);
-        let both = combined(of(1.0, 0.2), Some((of(1.2, 0.1), true)));
-        assert!(
-            (both.inverse - 1.16).abs() < 1e-3 && both.sigma < 0.1,
-            "{both:?}"
-        );
-        // They contradict: two places may show two things.
-        let other = of(3.0, 0.1);
-        assert_eq!(combined(of(1.0, 0.1), Some((other, true))), other);
-        assert_eq!(combined(of(1.0, 0.1), Some((other, false))).inverse, 1.0);
-        // What is stated is not changed.
-        assert_eq!(combined(of(1.0, 0.0), Some((other, true))), of(1.0, 0.0));
-    }
-
-    #[test]
-    fn source_that_is_gone_may_have_moved() {
-        let gone = source(1, 0.0);
-        let before = [gone, source(2, 1.0)];
-        let dim = CompactSource {
-            irradiance: Vec3::splat(0.5),
-            ..source(3, 2.0)
-        };
-        assert!(has_moved(&gone, &before, &[source(2, 1.0), source(3, 2.0)]));
-        assert!(!has_moved(&gone, &before, &[source(2, 1.0), dim]));
-        assert!(!has_moved(&gone, &before, &[source(2, 1.0)]));
-    }
-
-    #[test]
-    fn lamp_that_passes_another_is_not_certain_afterwards() {
-        assert!(passes([[0.4, 1.0], [0.1, 1.0], [0.3, 1.0]]));
-        // Close together for ever, or never close.
-        assert!(!passes([[0.1, 1.0], [0.22, 1.0], [0.15, 1.0]]));
-        assert!(!passes([[0.3, 1.0], [0.22, 0.9], [0.3, 0.8]]));
-    }
-
-    #[test]
-    fn source_that_vanishes_beside_a_lamp_leaves_it_certain() {
-        let mut known = lamp();
-        assert!(!known.parts(&[source(2, 0.1)]));
-        assert!(!known.parts(&[source(3, 0.5)]));
-        assert_eq!(known.met, None);
-    }
-}
+pub(super) mod tests;
