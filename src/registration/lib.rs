@@ -9,6 +9,7 @@
 mod correction;
 mod motion;
 mod rate_limit;
+mod steadying;
 
 use correction::Correction;
 pub use correction::{MarkerAssessment, TrackerPose};
@@ -18,6 +19,7 @@ use penumbra_fiducials::PoseEstimate;
 use penumbra_interface::{MonotonicTime, RigidTransform};
 use penumbra_numerics::fixed_size::Matrix;
 use rate_limit::{RateLimiter, apart_pixels};
+pub use steadying::{SteadiedPose, Steadying, SteadyingInput, SurfaceAt, Surfaces};
 
 /// Pause after which the displayed pose jumps to the estimate, seconds.
 const MAX_PAUSE_SECONDS: f64 = 0.5;

@@ -69,6 +69,7 @@ mod probe_status;
 mod rates;
 pub mod report;
 pub mod status;
+mod steadied;
 
 // Beside the frames.
 pub mod calibration_runner;

@@ -28,6 +28,7 @@ use crate::settings::pairing_config;
 use crate::setup::RigSetup;
 use crate::setup::TRACKER_NOISE;
 use crate::source::Source;
+use crate::steadied::PoseSteadying;
 use crossbeam_channel::{Receiver, SendTimeoutError, Sender, bounded};
 use glam::DVec3;
 use penumbra_camera::{ExposureMotion, PinholeCamera, RollingShutter};
@@ -165,6 +166,7 @@ impl Preparation {
                 let latency = source.is_live().then_some(display_latency);
                 DisplayPredictor::new(setup, config, centre, latency)
             }),
+            steadying: PoseSteadying::new(setup, centre, scene_updates.clone()),
             lights: light_scheduler(setup, config, source, requested, scene_updates)?,
             feed: Feed::new(source, &setup.calibration, pairing, as_live),
             latency: LatencyMonitor::start(setup, config, source, pairing.station)?,
@@ -234,6 +236,8 @@ struct Worker {
     setup: RigSetup,
     /// Registration by fiducials, if the rig uses them.
     tags: Option<TagRegistration>,
+    /// Steadies the tracker's pose, if it is the rig's.
+    steadying: Option<PoseSteadying>,
     /// Status of a lens that is not being refined.
     lens: LensStatus,
     /// Predicts the pose at the instant of display, if configured.
@@ -335,6 +339,9 @@ impl Worker {
     fn restart(&mut self) {
         self.held = HeldFrames::default();
         self.last_pose = None;
+        if let Some(steadying) = &mut self.steadying {
+            steadying.restart();
+        }
         self.release.restart();
         self.lights.restart();
         if let Some(pace) = &mut self.pace {
@@ -585,16 +592,18 @@ impl Worker {
         fits: bool,
     ) -> (Option<RigidTransform>, SphereAt, RegistrationStatus) {
         let motion = self.tracked_motion(frame);
-        let Some(tags) = self.tags.as_mut().filter(|_| fits) else {
-            if fits {
-                self.observe_picture(frame.captured_at, picture, None);
-            }
-            return (tracked, SphereAt::Calibrated, self.untagged(tracked));
-        };
         let tracked = tracked.map(|world_from_camera| TrackerPose {
             world_from_camera,
             noise: self.setup.tracker_noise(frame).unwrap_or(TRACKER_NOISE),
         });
+        let tracked = tracked.map(|pose| self.steadied(picture, frame, pose, motion));
+        let Some(tags) = self.tags.as_mut().filter(|_| fits) else {
+            if fits {
+                self.observe_picture(frame.captured_at, picture, None);
+            }
+            let pose = tracked.map(|t| t.world_from_camera);
+            return (pose, SphereAt::Calibrated, self.untagged(pose));
+        };
         let tracker = TrackerEstimate {
             pose: tracked,
             motion,
@@ -611,6 +620,29 @@ impl Worker {
             _ => result.status,
         };
         (result.world_from_camera, sphere, status)
+    }
+
+    /// Returns the tracker's pose, steadied by the picture if it is the rig's.
+    fn steadied(
+        &mut self,
+        picture: &Picture,
+        frame: &RigFrame,
+        tracked: TrackerPose,
+        motion: Option<RollingShutter>,
+    ) -> TrackerPose {
+        let calibrated = &self.setup.calibration.scene_camera.camera;
+        let camera = self
+            .tags
+            .as_ref()
+            .map_or(calibrated, TagRegistration::camera);
+        let Some(steadying) = &mut self.steadying else {
+            return tracked;
+        };
+        let steadied = steadying.steady((picture, camera), frame.captured_at, tracked, motion);
+        TrackerPose {
+            world_from_camera: steadied.world_from_camera,
+            ..tracked
+        }
     }
 
     /// Returns the status of a pose in which no markers had a part.

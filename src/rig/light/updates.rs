@@ -1,12 +1,17 @@
-//! Passes scene changes to the light worker.
+//! Passes scene changes to the light worker, and their real surfaces to the registration.
 
 use crate::light::scene_tables::SceneLight;
 use glam::Quat;
-use std::sync::{Arc, Mutex, PoisonError};
+use penumbra_scene::RayCaster;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-/// The newest scene change that the light worker has not applied yet.
+/// The newest scene change that has not been applied yet.
 #[derive(Clone, Default)]
-pub(crate) struct SceneUpdates(Arc<Mutex<SceneChange>>);
+pub(crate) struct SceneUpdates {
+    change: Arc<Mutex<SceneChange>>,
+    /// Real surfaces that the registration has not taken yet.
+    surfaces: Arc<Mutex<Option<Arc<RayCaster>>>>,
+}
 
 #[derive(Default)]
 pub(crate) struct SceneChange {
@@ -17,6 +22,9 @@ pub(crate) struct SceneChange {
 impl SceneUpdates {
     /// Sets the scene that is shown now.
     pub fn set_scene(&self, scene: SceneLight) {
+        if let Some(real) = &scene.real {
+            *locked(&self.surfaces) = Some(real.rays.clone());
+        }
         self.modify(|change| {
             let scene = match change.scene.take() {
                 Some(older) => scene.over(*older),
@@ -32,13 +40,22 @@ impl SceneUpdates {
     }
 
     fn modify(&self, modify: impl FnOnce(&mut SceneChange)) {
-        modify(&mut self.0.lock().unwrap_or_else(PoisonError::into_inner));
+        modify(&mut locked(&self.change));
+    }
+
+    /// Takes the real surfaces, if they have changed.
+    pub fn take_surfaces(&self) -> Option<Arc<RayCaster>> {
+        locked(&self.surfaces).take()
     }
 
     /// Takes the newest change, if there is one.
     pub fn take(&self) -> Option<SceneChange> {
-        let mut change = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut change = locked(&self.change);
         let any = change.scene.is_some() || change.dome_rotation.is_some();
         any.then(|| std::mem::take(&mut *change))
     }
+}
+
+fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
