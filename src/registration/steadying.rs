@@ -16,43 +16,28 @@
 mod adjustment;
 mod corners;
 mod landmark;
+mod landmarks;
 mod luminance;
 mod patch;
+mod tracker_mean;
 
 use crate::TrackerPose;
 use crate::motion::{difference, moved};
 use crate::rate_limit::{RateLimiter, apart_pixels};
-use adjustment::{Adjustment, Sighting, adjust};
-use corners::CornerGrid;
-use glam::{DVec2, DVec3};
-use landmark::{Landmark, View};
+use glam::DVec3;
+use landmark::View;
+use landmarks::{Agreement, Landmarks};
 use luminance::Luminance;
 use penumbra_camera::{PinholeCamera, RollingShutter};
 use penumbra_interface::{MonotonicTime, RigidTransform};
+use tracker_mean::TrackerMean;
 
-/// Maximum number of landmarks.
-const MAX_LANDMARKS: usize = 96;
-/// Least number of landmarks that agree with a pose.
-const MIN_AGREEING: usize = 10;
-/// Least share of the landmarks found that agree.
-const MIN_SHARE: f64 = 0.5;
-/// Largest scale of the residuals, in standard deviations.
-const MAX_SCALE: f64 = 6.0;
-/// Factor of the tracker's stated standard deviations: errors of its timing are not in them.
-const PRIOR_FACTOR: f64 = 2.0;
-/// Smallest standard deviations of the prior: radians, metres.
-const MIN_PRIOR: [f64; 2] = [1e-4, 1e-4];
-/// Gate of the squared Mahalanobis distance from the prior, six degrees of freedom.
+/// Gate of the squared Mahalanobis distance of the pose by landmarks from the tracker's, six degrees of
+/// freedom, at a probability far below 1e-5: the standard deviations are rough.
 const GATE: f64 = 60.0;
-/// Time over which the tracker's poses are averaged, seconds.
-const MEMORY_SECONDS: f64 = 2.0;
 /// Successive pictures without agreement after which the landmarks are dropped.
 const MAX_FAILURES: u32 = 3;
-/// Successive pictures in which a landmark may be missed.
-const MAX_MISSES: u32 = 3;
-/// Cells in which landmarks are looked for in a picture, beyond the first.
-const CELLS_PER_PICTURE: usize = 16;
-/// Pause after which the landmarks are dropped, seconds.
+/// Pause after which everything starts again, seconds.
 const MAX_PAUSE_SECONDS: f64 = 0.5;
 
 /// A real surface where a ray meets it.
@@ -90,7 +75,7 @@ pub struct SteadiedPose {
     pub world_from_camera: RigidTransform,
     /// Number of landmarks that agree with it; 0 if it is the tracker's alone.
     pub landmarks: usize,
-    /// Scale of their residuals, pixels per axis.
+    /// Their median residual, pixels.
     pub residual_pixels: f64,
 }
 
@@ -105,38 +90,28 @@ impl SteadiedPose {
     }
 }
 
-/// A pose by landmarks.
-#[derive(Clone, Copy)]
-struct Located {
-    /// V.
-    pose: RigidTransform,
-    /// Number of landmarks that agree.
-    agreeing: usize,
-    /// Scale of their residuals, pixels per axis.
-    scale: f64,
+/// A picture's distance from the one before.
+#[derive(Clone, Copy, Default)]
+struct Elapsed {
+    seconds: f64,
+    /// Motion of the objects, pixels.
+    pixels: f64,
+    /// Speed of the camera: radians and metres per second.
+    speed: [f64; 2],
 }
 
-/// Steadies the poses of a camera, picture by picture. Does not allocate after the first pictures.
+/// Steadies the poses of a camera, picture by picture. Does not allocate after the first picture.
 #[derive(Clone, Debug)]
 pub struct Steadying {
     camera: PinholeCamera,
     /// Centre of the objects, world, metres.
     middle: DVec3,
     picture: Luminance,
-    grid: CornerGrid,
-    landmarks: Vec<Landmark>,
-    sightings: Vec<Sighting>,
-    scratch: Vec<f64>,
-    /// Whether a cell of the grid holds a landmark.
-    occupied: Vec<bool>,
-    /// The cell that is looked at next.
-    turn: usize,
-    /// G.
-    world_from_map: RigidTransform,
-    /// Pictures since the landmarks were placed.
-    count: u32,
+    landmarks: Landmarks,
+    mean: TrackerMean,
     /// Successive pictures without agreement.
     failures: u32,
+    /// Time and tracked pose of the previous picture.
     last: Option<(MonotonicTime, RigidTransform)>,
     displayed: RateLimiter,
 }
@@ -145,26 +120,19 @@ impl Steadying {
     /// Creates the steadying for `camera`. `middle`: centre of the objects, world, metres.
     #[must_use]
     pub fn new(camera: PinholeCamera, middle: DVec3) -> Self {
-        let grid = CornerGrid::new([camera.width, camera.height]);
         Self {
-            occupied: vec![false; grid.len()],
-            landmarks: Vec::with_capacity(MAX_LANDMARKS),
-            sightings: Vec::with_capacity(MAX_LANDMARKS),
-            scratch: Vec::with_capacity(MAX_LANDMARKS),
+            landmarks: Landmarks::new([camera.width, camera.height]),
             camera,
             middle,
             picture: Luminance::default(),
-            grid,
-            turn: 0,
-            world_from_map: RigidTransform::IDENTITY,
-            count: 0,
+            mean: TrackerMean::new(),
             failures: 0,
             last: None,
             displayed: RateLimiter::new(),
         }
     }
 
-    /// Forgets everything.
+    /// Forgets the pictures before.
     pub fn restart(&mut self) {
         self.forget_landmarks();
         self.last = None;
@@ -173,8 +141,7 @@ impl Steadying {
 
     fn forget_landmarks(&mut self) {
         self.landmarks.clear();
-        self.world_from_map = RigidTransform::IDENTITY;
-        self.count = 0;
+        self.mean.restart();
         self.failures = 0;
     }
 
@@ -189,51 +156,44 @@ impl Steadying {
             self.restart();
             return SteadiedPose::tracked(tracked);
         }
-        let (seconds, motion) = self.elapsed(input.at, tracked);
+        let elapsed = self.elapsed(input.at, tracked);
         self.picture.read(input.rgba, size);
-        let expected = self.world_from_map.inverse() * tracked;
-        let found = self.locate(expected, input);
-        let by_landmarks = found.map(|found| found.pose);
-        self.note_success(by_landmarks.is_some());
-        if let Some(pose) = by_landmarks {
-            self.average(pose, tracked, seconds);
-        }
-        let target = by_landmarks.map_or(tracked, |pose| self.world_from_map * pose);
-        let distance = self.distance(&target);
+        let found = self.locate(input, &elapsed);
+        let by_landmarks = found.map(|(pose, _)| pose);
+        let target = by_landmarks.map_or(tracked, |pose| self.mean.apply(pose));
         let displayed = self.displayed.approach(
-            (&self.camera, distance),
+            (&self.camera, self.distance(&target)),
             target,
             // Continues by the landmarks where there are any.
             (by_landmarks, Some(tracked)),
-            (seconds, motion),
+            (elapsed.seconds, elapsed.pixels),
         );
-        if self.landmarks.is_empty() {
-            self.place_landmarks(tracked, input, self.grid.len());
-            self.count = 1;
-        } else if let Some(pose) = by_landmarks {
-            self.place_landmarks(pose, input, CELLS_PER_PICTURE);
-        }
+        self.renew_landmarks(input, by_landmarks);
         SteadiedPose {
             world_from_camera: displayed,
-            landmarks: found.map_or(0, |found| found.agreeing),
-            residual_pixels: found.map_or(0.0, |found| found.scale),
+            landmarks: found.map_or(0, |(_, agreement)| agreement.count),
+            residual_pixels: found.map_or(0.0, |(_, agreement)| agreement.adjustment.pixels),
         }
     }
 
-    /// Seconds since the previous picture, and its motion in pixels. After a pause or a jump in time,
-    /// everything starts again.
-    fn elapsed(&mut self, at: MonotonicTime, tracked: RigidTransform) -> (f64, f64) {
+    /// Compares a picture with the one before. After a pause or a jump in time, everything starts again.
+    fn elapsed(&mut self, at: MonotonicTime, tracked: RigidTransform) -> Elapsed {
         let Some((then, from)) = self.last.replace((at, tracked)) else {
-            return (0.0, 0.0);
+            return Elapsed::default();
         };
         let seconds = at.seconds_since(then);
         if !(0.0..MAX_PAUSE_SECONDS).contains(&seconds) {
             self.restart();
             self.last = Some((at, tracked));
-            return (0.0, 0.0);
+            return Elapsed::default();
         }
-        let motion = apart_pixels(&self.camera, from, tracked, self.distance(&tracked));
-        (seconds, motion)
+        let (rotation, translation) = difference(&from, &tracked);
+        let speed = |length: f64| length / seconds.max(1e-3);
+        Elapsed {
+            seconds,
+            pixels: apart_pixels(&self.camera, from, tracked, self.distance(&tracked)),
+            speed: [speed(rotation.length()), speed(translation.length())],
+        }
     }
 
     /// Distance of the objects' centre along the optical axis, metres, limited to 0.1 to 10.
@@ -242,108 +202,62 @@ impl Steadying {
         z.clamp(0.1, 10.0)
     }
 
-    /// Returns the pose by the landmarks near the `expected` one and how many of them agree; `None` if
-    /// it cannot be trusted.
-    fn locate(&mut self, expected: RigidTransform, input: &SteadyingInput<'_>) -> Option<Located> {
+    /// Returns V and the landmarks that agree with it, after moving G; `None` if it cannot be trusted.
+    fn locate(
+        &mut self,
+        input: &SteadyingInput<'_>,
+        elapsed: &Elapsed,
+    ) -> Option<(RigidTransform, Agreement)> {
+        let tracked = &input.tracked;
+        let expected = self.mean.expected(tracked.world_from_camera);
         let view = View {
             camera: &self.camera,
             motion: input.motion,
             pose: expected,
         };
-        self.sightings.clear();
-        let all = self.landmarks.iter().enumerate();
-        let found = all.filter_map(|(i, landmark)| landmark.find(i, &self.picture, &view));
-        self.sightings.extend(found);
-        let [metres, radians] = input.tracked.noise;
-        let sigmas = [
-            (PRIOR_FACTOR * radians).max(MIN_PRIOR[0]),
-            (PRIOR_FACTOR * metres).max(MIN_PRIOR[1]),
-        ];
-        let adjusted = adjust(&self.sightings, sigmas, &mut self.scratch)?;
-        let agreeing = self.note_misses(&adjusted);
-        let departure: f64 = (0..6)
-            .map(|i| (adjusted.x[i] / sigmas[i / 3]).powi(2))
-            .sum();
-        let is_trusted = agreeing >= MIN_AGREEING
-            && agreeing as f64 >= MIN_SHARE * self.sightings.len() as f64
-            && adjusted.scale <= MAX_SCALE
-            && departure <= GATE;
-        let [rotation, translation] = [0, 3].map(|k| {
-            let x = &adjusted.x[k..k + 3];
-            expected.rotation * DVec3::new(x[0], x[1], x[2])
-        });
-        is_trusted.then(|| Located {
-            pose: moved(expected, rotation, translation),
-            agreeing,
-            scale: adjusted.scale,
-        })
+        let sigmas = self.mean.sigmas(tracked, elapsed.speed);
+        let found = self.landmarks.locate(&self.picture, &view, sigmas)?;
+        let x = found.adjustment.x;
+        self.mean.learn(&x, tracked, elapsed.speed);
+        let departure = (0..6).map(|i| (x[i] / sigmas[i / 3]).powi(2));
+        if departure.sum::<f64>() > GATE {
+            return None;
+        }
+        let [rotation, translation] =
+            [0, 3].map(|k| expected.rotation * DVec3::new(x[k], x[k + 1], x[k + 2]));
+        let pose = moved(expected, rotation, translation);
+        self.mean
+            .average(pose, tracked.world_from_camera, sigmas, elapsed.seconds);
+        Some((pose, found))
     }
 
-    /// Counts the pictures in which landmarks were missed; returns the number of those that agree.
-    fn note_misses(&mut self, adjusted: &Adjustment) -> usize {
-        for landmark in &mut self.landmarks {
-            landmark.misses += 1;
-        }
-        let mut agreeing = 0;
-        for sighting in &self.sightings {
-            let landmark = &mut self.landmarks[sighting.landmark];
-            let residual = adjusted.residual(sighting);
-            landmark.note(residual);
-            if adjusted.agrees(residual) {
-                landmark.misses = 0;
-                agreeing += 1;
-            }
-        }
-        agreeing
-    }
-
-    fn note_success(&mut self, success: bool) {
-        self.failures = if success { 0 } else { self.failures + 1 };
-        if self.failures >= MAX_FAILURES {
+    /// Makes landmarks for the next pictures by the pose V of this one. After several pictures without
+    /// it, they are dropped and made anew by the tracker's pose.
+    fn renew_landmarks(
+        &mut self,
+        input: &SteadyingInput<'_>,
+        by_landmarks: Option<RigidTransform>,
+    ) {
+        self.failures = match by_landmarks {
+            Some(_) => 0,
+            None => self.failures + 1,
+        };
+        if self.failures >= MAX_FAILURES || self.landmarks.is_empty() {
             self.forget_landmarks();
         }
-    }
-
-    /// Moves G by this picture's share towards tracked · V⁻¹.
-    fn average(&mut self, by_landmarks: RigidTransform, tracked: RigidTransform, seconds: f64) {
-        self.count = self.count.saturating_add(1);
-        let share = f64::from(self.count).recip().max(seconds / MEMORY_SECONDS);
-        let now = self.world_from_map * by_landmarks;
-        let (rotation, translation) = difference(&now, &tracked);
-        let moved = moved(now, rotation * share, translation * share);
-        self.world_from_map = moved * by_landmarks.inverse();
-    }
-
-    /// Places landmarks in up to `cells` cells without one, by the pose `pose` of the map.
-    fn place_landmarks(&mut self, pose: RigidTransform, input: &SteadyingInput<'_>, cells: usize) {
+        let pose = match by_landmarks {
+            Some(pose) => pose,
+            None if self.landmarks.is_empty() => input.tracked.world_from_camera,
+            None => return,
+        };
         let view = View {
             camera: &self.camera,
             motion: input.motion,
             pose,
         };
-        self.occupied.fill(false);
-        let (grid, occupied, picture) = (&mut self.grid, &mut self.occupied, &self.picture);
-        self.landmarks.retain(|landmark| {
-            let place = landmark.predict(&view).map(|(place, _)| place);
-            let place = place.filter(|p| picture.contains(*p, 1.0));
-            let cell = place.and_then(|p: DVec2| grid.cell_of([p.x as usize, p.y as usize]));
-            if let Some(cell) = cell {
-                occupied[cell] = true;
-            }
-            cell.is_some() && landmark.misses < MAX_MISSES
-        });
-        for _ in 0..cells.min(grid.len()) {
-            if self.landmarks.len() >= MAX_LANDMARKS {
-                return;
-            }
-            let cell = self.turn;
-            self.turn = (self.turn + 1) % grid.len();
-            if occupied[cell] {
-                continue;
-            }
-            let corner = grid.best_in(picture, cell);
-            let new = corner.and_then(|c| Landmark::new(picture, c, &view, input.surfaces));
-            self.landmarks.extend(new);
-        }
+        self.landmarks.renew(&self.picture, &view, input.surfaces);
     }
 }
+
+#[cfg(test)]
+mod tests;

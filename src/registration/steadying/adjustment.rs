@@ -41,15 +41,27 @@ pub(super) struct Sighting {
 impl Sighting {
     /// Length of the remaining residual, standard deviations per coordinate.
     fn off(&self, x: &[f64; 6]) -> f64 {
-        let [one, two] = self.coordinates.each_ref().map(|c| {
-            let moved: f64 = c.derivative.iter().zip(x).map(|(d, x)| d * x).sum();
-            c.residual - moved
-        });
+        let [one, two] = self.remaining(x);
         if self.is_edge() {
             one.abs()
         } else {
             one.hypot(two) * FRAC_1_SQRT_2
         }
+    }
+
+    /// Length of the remaining residual, pixels.
+    fn pixels(&self, x: &[f64; 6]) -> f64 {
+        let [one, two] = self.remaining(x);
+        let [a, b] = &self.coordinates;
+        (one * a.sigma).hypot(two * b.sigma)
+    }
+
+    /// The remaining residual, standard deviations.
+    fn remaining(&self, x: &[f64; 6]) -> [f64; 2] {
+        self.coordinates.each_ref().map(|c| {
+            let moved: f64 = c.derivative.iter().zip(x).map(|(d, x)| d * x).sum();
+            c.residual - moved
+        })
     }
 
     fn is_edge(&self) -> bool {
@@ -64,6 +76,8 @@ pub(super) struct Adjustment {
     pub x: [f64; 6],
     /// Scale of the residuals, in standard deviations.
     pub scale: f64,
+    /// Median length of the residuals, pixels.
+    pub pixels: f64,
 }
 
 impl Adjustment {
@@ -78,33 +92,39 @@ impl Adjustment {
     }
 }
 
-/// Adjusts a pose. `sigmas`: the prior's standard deviations per axis, radians and metres. `lengths`
-/// is scratch memory. `None` if the system cannot be solved.
+/// Adjusts a pose. `sigmas`: the prior's standard deviations per axis, radians and metres. `scratch`
+/// is memory. `None` if the system cannot be solved.
 pub(super) fn adjust(
     sightings: &[Sighting],
     sigmas: [f64; 2],
-    lengths: &mut Vec<f64>,
+    scratch: &mut Vec<f64>,
 ) -> Option<Adjustment> {
     let mut x = [0.0; 6];
     let mut scale = MIN_SCALE;
     for _ in 0..ITERATIONS {
-        scale = scale_of(sightings, &x, lengths);
+        scale = scale_of(sightings, &x, scratch);
         let (normal, right) = normal_equations(sightings, &x, scale, sigmas);
         x = solve(&normal, &right)?;
     }
-    Some(Adjustment { x, scale })
+    let pixels = median(sightings.iter().map(|s| s.pixels(&x)), scratch);
+    Some(Adjustment { x, scale, pixels })
 }
 
 /// Robust scale of the residuals, standard deviations: half of normal residuals are smaller than 0.75.
-fn scale_of(sightings: &[Sighting], x: &[f64; 6], lengths: &mut Vec<f64>) -> f64 {
-    lengths.clear();
-    lengths.extend(sightings.iter().map(|s| s.off(x)));
-    if lengths.is_empty() {
-        return MIN_SCALE;
+fn scale_of(sightings: &[Sighting], x: &[f64; 6], scratch: &mut Vec<f64>) -> f64 {
+    let median = median(sightings.iter().map(|s| s.off(x)), scratch);
+    (median / 0.75).max(MIN_SCALE)
+}
+
+/// The median, 0 without values.
+fn median(values: impl Iterator<Item = f64>, scratch: &mut Vec<f64>) -> f64 {
+    scratch.clear();
+    scratch.extend(values);
+    if scratch.is_empty() {
+        return 0.0;
     }
-    let middle = lengths.len() / 2;
-    let (_, median, _) = lengths.select_nth_unstable_by(middle, f64::total_cmp);
-    (*median / 0.75).max(MIN_SCALE)
+    let middle = scratch.len() / 2;
+    *scratch.select_nth_unstable_by(middle, f64::total_cmp).1
 }
 
 fn normal_equations(
