@@ -134,7 +134,9 @@ impl Steadying {
 
     /// Forgets the pictures before.
     pub fn restart(&mut self) {
-        self.forget_landmarks();
+        self.landmarks.restart();
+        self.mean = TrackerMean::new();
+        self.failures = 0;
         self.last = None;
         self.displayed = RateLimiter::new();
     }

@@ -62,6 +62,12 @@ impl Landmarks {
         self.all.clear();
     }
 
+    /// Begins as new.
+    pub fn restart(&mut self) {
+        self.clear();
+        self.turn = 0;
+    }
+
     /// Finds the landmarks in a picture and adjusts its expected pose, whose standard deviations are
     /// `sigmas` (radians, metres). `None` unless enough of them agree.
     pub fn locate(

@@ -2,6 +2,7 @@
 
 use crate::TrackerPose;
 use crate::motion::{difference, moved};
+use glam::DVec3;
 use penumbra_interface::RigidTransform;
 
 /// Factor of the tracker's stated standard deviations: what remains of its noise after smoothing is
@@ -14,12 +15,19 @@ const MIN_SIGMAS: [f64; 2] = [1e-4, 1e-4];
 const TIMING_SIGMA_SECONDS: f64 = 0.001;
 /// Time over which the tracker's poses are averaged, seconds.
 const MEMORY_SECONDS: f64 = 2.0;
+/// Share of a picture in the recent mean of the departures, and the square of its length, variances, from
+/// which it isn't noise and the memory becomes shorter: the known surfaces are not where they are, or
+/// the tracker's error changes.
+const BIAS_SHARE: f64 = 0.1;
+const MAX_BIAS: f64 = 0.5;
+/// How much shorter, for each variance.
+const SHORTENING: f64 = 20.0;
 /// Largest distance of the mean from the tracker's pose, standard deviations over all six axes, of
 /// which normal noise exceeds one in a hundred thousand. What is larger is an error that changes, such
 /// as the distortion of an electromagnetic field, and is followed.
 const MAX_DEPARTURE: f64 = 5.7;
 /// Share of a picture in the learned variance, and the largest step that is believed, variances.
-const LEARNING_SHARE: f64 = 0.1;
+const LEARNING_SHARE: f64 = 0.2;
 const MAX_SQUARE: f64 = 25.0;
 /// Largest factor on the variances.
 const MAX_EXCESS: f64 = 400.0;
@@ -33,6 +41,8 @@ pub(super) struct TrackerMean {
     count: u32,
     /// Factor on the variances, learned from the steps of the tracker's error.
     excess: f64,
+    /// Recent mean of the departures of the tracker's pose (rotation, translation), standard deviations.
+    bias: [DVec3; 2],
     /// The last departure, standard deviations by the statement.
     last: Option<[f64; 6]>,
 }
@@ -43,6 +53,7 @@ impl TrackerMean {
             world_from_map: RigidTransform::IDENTITY,
             count: 1,
             excess: 1.0,
+            bias: [DVec3::ZERO; 2],
             last: None,
         }
     }
@@ -95,13 +106,19 @@ impl TrackerMean {
         self.count = self.count.saturating_add(1);
         let now = self.apply(by_landmarks);
         let (rotation, translation) = difference(&now, &tracked);
-        let departure = (rotation / sigmas[0])
-            .length()
-            .hypot((translation / sigmas[1]).length());
+        let departure = [rotation / sigmas[0], translation / sigmas[1]];
+        for (bias, now) in self.bias.iter_mut().zip(departure) {
+            *bias += BIAS_SHARE * (now - *bias);
+        }
+        let length = |[a, b]: [DVec3; 2]| a.length_squared() + b.length_squared();
+        let excess = (length(self.bias) - MAX_BIAS).max(0.0);
+        let memory = MEMORY_SECONDS / (1.0 + SHORTENING * excess);
+        let limit = 1.0 - MAX_DEPARTURE / length(departure).sqrt().max(1e-9);
         let share = f64::from(self.count)
             .recip()
-            .max(seconds / MEMORY_SECONDS)
-            .max(1.0 - MAX_DEPARTURE / departure.max(1e-9));
+            .max(seconds / memory)
+            .max(limit)
+            .min(1.0);
         let averaged = moved(now, rotation * share, translation * share);
         self.world_from_map = averaged * by_landmarks.inverse();
     }
