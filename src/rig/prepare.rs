@@ -38,7 +38,7 @@ use penumbra_config::{Config, LookConfig, PoseSource, Predict, ReplayPairing, Re
 use penumbra_interface::threads;
 use penumbra_interface::{MonotonicTime, RigidTransform};
 use penumbra_picture::{Picture, PictureError, YuvEncoding, decode_within};
-use penumbra_registration::TrackerPose;
+use penumbra_registration::{SteadiedPose, TrackerPose};
 use penumbra_session::SessionError;
 use penumbra_status::{LensStatus, Playback, RegistrationStatus, Settings};
 use penumbra_sync::{PairingConfig, RigFrame};
@@ -596,13 +596,18 @@ impl Worker {
             world_from_camera,
             noise: self.setup.tracker_noise(frame).unwrap_or(TRACKER_NOISE),
         });
-        let tracked = tracked.map(|pose| self.steadied(picture, frame, pose, motion));
+        let steadied = tracked.and_then(|pose| self.steady(picture, frame, pose, motion));
+        let tracked = tracked.map(|pose| TrackerPose {
+            world_from_camera: steadied.map_or(pose.world_from_camera, |s| s.world_from_camera),
+            ..pose
+        });
         let Some(tags) = self.tags.as_mut().filter(|_| fits) else {
             if fits {
                 self.observe_picture(frame.captured_at, picture, None);
             }
             let pose = tracked.map(|t| t.world_from_camera);
-            return (pose, SphereAt::Calibrated, self.untagged(pose));
+            let status = with_steadying(self.untagged(pose), steadied);
+            return (pose, SphereAt::Calibrated, status);
         };
         let tracker = TrackerEstimate {
             pose: tracked,
@@ -619,30 +624,25 @@ impl Worker {
             PoseSource::Fixed => self.untagged(tracked.map(|t| t.world_from_camera)),
             _ => result.status,
         };
+        let status = with_steadying(status, steadied);
         (result.world_from_camera, sphere, status)
     }
 
-    /// Returns the tracker's pose, steadied by the picture if it is the rig's.
-    fn steadied(
+    /// Steadies the tracker's pose by the picture if it is the rig's.
+    fn steady(
         &mut self,
         picture: &Picture,
         frame: &RigFrame,
         tracked: TrackerPose,
         motion: Option<RollingShutter>,
-    ) -> TrackerPose {
+    ) -> Option<SteadiedPose> {
         let calibrated = &self.setup.calibration.scene_camera.camera;
         let camera = self
             .tags
             .as_ref()
             .map_or(calibrated, TagRegistration::camera);
-        let Some(steadying) = &mut self.steadying else {
-            return tracked;
-        };
-        let steadied = steadying.steady((picture, camera), frame.captured_at, tracked, motion);
-        TrackerPose {
-            world_from_camera: steadied.world_from_camera,
-            ..tracked
-        }
+        let steadying = self.steadying.as_mut()?;
+        Some(steadying.steady((picture, camera), frame.captured_at, tracked, motion))
     }
 
     /// Returns the status of a pose in which no markers had a part.
@@ -751,6 +751,19 @@ impl Worker {
                 picture.width, picture.height, camera.width, camera.height
             )
         })
+    }
+}
+
+/// Adds what the picture has added to the tracker's pose.
+fn with_steadying(
+    status: RegistrationStatus,
+    steadied: Option<SteadiedPose>,
+) -> RegistrationStatus {
+    let by_picture = steadied.filter(|s| s.landmarks > 0);
+    RegistrationStatus {
+        landmarks: by_picture.map_or(0, |s| s.landmarks as u32),
+        landmarks_px: by_picture.map(|s| s.residual_pixels),
+        ..status
     }
 }
 

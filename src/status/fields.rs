@@ -191,6 +191,14 @@ pub const STATUS_FIELDS: &[(&str, &str)] = &[
         "Standard deviation of the image of a point amid the virtual objects, pixels.",
     ),
     (
+        "registration.landmarks",
+        "Number of points of real surfaces, followed in the picture, that steady the tracker's pose; 0 where it is the tracker's alone.",
+    ),
+    (
+        "registration.landmarks_px",
+        "Median distance of their images from where the pose shows them, pixels; null without them.",
+    ),
+    (
         "registration.sphere_support",
         "Share of the rim of a mirrored ball, whose place is known only roughly, that was found in the picture, 0 to 1; null if it was not searched for or is not in the picture.",
     ),

@@ -29,6 +29,10 @@ pub struct RegistrationStatus {
     pub sigma_deg: Option<f64>,
     /// Standard deviation of the image of a point amid the virtual objects, along an axis, pixels.
     pub sigma_px: Option<f64>,
+    /// Number of points of real surfaces that steady the tracker's pose; 0 where it is the tracker's alone.
+    pub landmarks: u32,
+    /// Median distance of their images from where the pose shows them, pixels.
+    pub landmarks_px: Option<f64>,
     /// Share of the rim of a mirrored ball that was found in the picture, 0..=1; `None` if the ball
     /// was not searched for, or its place is not in the picture.
     pub sphere_support: Option<f64>,
