@@ -78,7 +78,7 @@ impl Patch {
         let [(strong, most), (weak, least)] = eigen(moments);
         let texture = MIN_TEXTURE * COUNT as f32;
         let is_corner = least >= texture.max(MIN_RATIO * most);
-        (most >= texture).then(|| Self {
+        (most >= texture).then_some(Self {
             values,
             gradients,
             directions: [(strong, most), (weak, if is_corner { least } else { 0.0 })],
