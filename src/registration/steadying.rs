@@ -32,9 +32,9 @@ use penumbra_camera::{PinholeCamera, RollingShutter};
 use penumbra_interface::{MonotonicTime, RigidTransform};
 use tracker_mean::TrackerMean;
 
-/// Gate of the squared Mahalanobis distance of the pose by landmarks from the tracker's, six degrees of
-/// freedom, at a probability far below 1e-5: the standard deviations are rough.
-const GATE: f64 = 60.0;
+/// Gate of the squared Mahalanobis distance of the pose by landmarks from the tracker's: χ² of six degrees
+/// of freedom at a probability of 1e-3.
+const GATE: f64 = 22.5;
 /// Successive pictures without agreement after which the landmarks are dropped.
 const MAX_FAILURES: u32 = 3;
 /// Pause after which everything starts again, seconds.

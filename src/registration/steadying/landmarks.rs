@@ -16,8 +16,9 @@ const CELLS_PER_PICTURE: usize = 16;
 const MIN_AGREEING: usize = 10;
 /// Least share of the landmarks found that agree.
 const MIN_SHARE: f64 = 0.5;
-/// Largest scale of the residuals, in standard deviations.
+/// Largest scale of the residuals, in standard deviations, and their largest median, pixels.
 const MAX_SCALE: f64 = 6.0;
+const MAX_MEDIAN: f64 = 0.5;
 
 /// A pose to which enough landmarks agree.
 #[derive(Clone, Copy)]
@@ -81,27 +82,30 @@ impl Landmarks {
         let found = all.filter_map(|(i, landmark)| landmark.find(i, picture, expected));
         self.sightings.extend(found);
         let adjustment = adjust(&self.sightings, sigmas, &mut self.scratch)?;
-        let count = self.note(&adjustment);
+        let count = self.note_misses(&adjustment);
         let is_enough = count >= MIN_AGREEING
             && count as f64 >= MIN_SHARE * self.sightings.len() as f64
-            && adjustment.scale <= MAX_SCALE;
-        is_enough.then_some(Agreement { adjustment, count })
+            && adjustment.scale <= MAX_SCALE
+            && adjustment.pixels <= MAX_MEDIAN;
+        if !is_enough {
+            return None;
+        }
+        for sighting in &self.sightings {
+            self.all[sighting.landmark].note(adjustment.residual(sighting));
+        }
+        Some(Agreement { adjustment, count })
     }
 
     /// Notes which landmarks were missed; returns the number of those that agree.
-    fn note(&mut self, adjustment: &Adjustment) -> usize {
+    fn note_misses(&mut self, adjustment: &Adjustment) -> usize {
         for landmark in &mut self.all {
             landmark.misses += 1;
         }
+        let agrees = |s: &&Sighting| adjustment.agrees(adjustment.residual(s));
         let mut agreeing = 0;
-        for sighting in &self.sightings {
-            let landmark = &mut self.all[sighting.landmark];
-            let residual = adjustment.residual(sighting);
-            landmark.note(residual);
-            if adjustment.agrees(residual) {
-                landmark.misses = 0;
-                agreeing += 1;
-            }
+        for sighting in self.sightings.iter().filter(agrees) {
+            self.all[sighting.landmark].misses = 0;
+            agreeing += 1;
         }
         agreeing
     }

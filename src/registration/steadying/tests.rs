@@ -1,6 +1,6 @@
 use super::*;
 use drawing::{Scene, camera, pixels_off, truth};
-use glam::DVec2;
+use glam::{DQuat, DVec2};
 use penumbra_numerics::Random;
 
 mod drawing;
@@ -126,21 +126,39 @@ fn noise_of_the_tracker_falls_to_a_third_and_its_steps_to_a_tenth() {
 fn lens_distortion_and_rolling_shutter_are_taken_into_account() {
     let mut run = Run::new(Scene::plane());
     run.camera.distortion = [-0.2, 0.05, 0.001, -0.001, 0.0];
-    run.row_seconds = 60e-6;
-    let (errors, steps) = ratios(&run.results(noisy(2, NOISE), as_drawn));
+    run.row_seconds = 120e-6;
+    let outcomes = run.results(noisy(2, NOISE), as_drawn);
+    let (errors, steps) = ratios(&outcomes);
     assert!(errors < 0.35, "{errors}");
     assert!(steps < 0.12, "{steps}");
+    let residual = outcomes
+        .iter()
+        .map(|o| o.steadied.residual_pixels)
+        .fold(0.0, f64::max);
+    assert!(residual < 0.05, "{residual} px");
 }
 
 #[test]
 fn thing_that_moves_does_not_pull() {
     let run = Run::new(Scene {
-        carried: true,
+        carried: 45.0,
         ..Scene::plane()
     });
     let (errors, steps) = ratios(&run.results(noisy(3, NOISE), as_drawn));
     assert!(errors < 0.4, "{errors}");
     assert!(steps < 0.15, "{steps}");
+}
+
+#[test]
+fn thing_that_fills_most_of_the_picture_does_not_carry_the_pose_away() {
+    for (seed, carried) in [(20, 90.0), (21, 150.0)] {
+        let run = Run::new(Scene {
+            carried,
+            ..Scene::plane()
+        });
+        let (errors, _) = ratios(&run.results(noisy(seed, NOISE), as_drawn));
+        assert!(errors < 0.97, "{carried}: {errors}");
+    }
 }
 
 #[test]
@@ -224,7 +242,7 @@ fn jump_of_the_tracker_is_followed() {
     let outcomes = Run::new(Scene::plane()).results(knocked, as_drawn);
     for outcome in &outcomes[31..] {
         let off = (outcome.after - outcome.before).length();
-        assert!(off < 3.0, "{off} px from the tracker");
+        assert!(off < 1.5, "{off} px from the tracker");
     }
     assert!(outcomes[45].steadied.landmarks > 10);
 }
@@ -254,19 +272,23 @@ fn error_that_grows_is_followed() {
 
 #[test]
 fn dark_pictures_fall_back_without_a_jump() {
-    let run = Run::new(Scene::plane());
+    // The tracker errs by 2.5 mm when the light goes out.
+    let mut noise = noisy(10, NOISE);
+    let erring = |k, pose| {
+        let error = if (19..24).contains(&k) { 2.5e-3 } else { 0.0 };
+        moved(noise(k, pose), DVec3::ZERO, DVec3::X * error)
+    };
     let dark = |k, rgba: &mut Vec<u8>| {
         if (20..40).contains(&k) {
             rgba.fill(3);
         }
     };
-    let outcomes = run.results(noisy(10, NOISE), dark);
-    for (k, pair) in (1..).zip(outcomes.windows(2)) {
-        let [from, to] = pair else { continue };
-        // Not more than the tracker's own step, what is faded in or out, and the picture's noise.
-        let own = (to.before - from.before).length();
-        let step = (to.after - from.after).length();
-        assert!(step < own + 0.8, "{k}: {step} px, tracker {own} px");
+    let outcomes = Run::new(Scene::plane()).results(erring, dark);
+    let correction = |k: usize| outcomes[k].after - outcomes[k].before;
+    assert!(correction(19).length() > 1.2, "{}", correction(19));
+    for k in 20..40 {
+        let step = (correction(k) - correction(k - 1)).length();
+        assert!(step < 1.0, "{k}: {step} px");
     }
     assert_eq!(outcomes[30].steadied.landmarks, 0);
     assert_eq!(
@@ -299,12 +321,24 @@ fn exact_tracker_is_hardly_disturbed() {
 fn recording_that_begins_again_gives_the_same_poses() {
     let mut run = Run::new(Scene::plane());
     run.pictures = 15;
+    run.stated = NOISE.map(|sigma| sigma / 5.0);
     let mut steadying = Steadying::new(run.camera.clone(), DVec3::ZERO);
     let mut poses = || -> Vec<SteadiedPose> {
         let outcomes = run.results_with(&mut steadying, noisy(15, NOISE), as_drawn);
         outcomes.into_iter().map(|o| o.steadied).collect()
     };
     let first = poses();
-    assert!(first[14].landmarks > 10);
+    assert!(first.iter().any(|pose| pose.landmarks > 10));
     assert_eq!(poses(), first);
+}
+
+#[test]
+fn mean_stays_near_the_trackers_pose() {
+    let sigma = 3e-4;
+    let tracked = RigidTransform::new(DQuat::IDENTITY, DVec3::X * 40.0 * sigma);
+    let mut mean = TrackerMean::new();
+    mean.average(RigidTransform::IDENTITY, tracked, [sigma; 2], 0.0);
+    let now = mean.apply(RigidTransform::IDENTITY).translation;
+    let off = now.distance(tracked.translation) / sigma;
+    assert!((off - 5.7).abs() < 1e-6, "{off} standard deviations");
 }

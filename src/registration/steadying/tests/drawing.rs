@@ -51,8 +51,8 @@ pub struct Scene {
     pub step_from: f64,
     /// Share of the light that is missing in a lamp's shadow, whose edge moves by 2 cm a second.
     pub shadow: f64,
-    /// Whether a thing is carried through the picture.
-    pub carried: bool,
+    /// Half the side of a thing that is carried through the picture by 70 pixels a second, pixels.
+    pub carried: f64,
     /// Whether the table is known.
     pub is_known: bool,
 }
@@ -64,7 +64,7 @@ impl Scene {
             step: 0.0,
             step_from: 0.06,
             shadow: 0.0,
-            carried: false,
+            carried: 0.0,
             is_known: true,
         }
     }
@@ -118,7 +118,7 @@ impl Scene {
     /// Texture seen at a pixel, −1 to 1.
     fn value(&self, origin: DVec3, ray: DVec3, pixel: DVec2, seconds: f64) -> f64 {
         let carried = pixel - DVec2::new(60.0 + 70.0 * seconds, 120.0);
-        if self.carried && carried.abs().max_element() < 45.0 {
+        if carried.abs().max_element() < self.carried {
             return texture(carried * 0.0021 + 5.0);
         }
         let at = |height: f64| origin + ray * ((height - origin.z) / ray.z);
