@@ -19,6 +19,7 @@ mod rectangle;
 mod session;
 mod shadow;
 mod tone;
+mod turn;
 
 pub use align::{Shift, shift};
 pub use ball::FoundBall;
@@ -78,6 +79,8 @@ pub struct BallPicture {
     pub photograph: Arc<Photograph>,
     /// Its shift against the picture without the ball, pixels.
     pub shift: IVec2,
+    /// By how much the camera was turned about its axis against the picture without the ball, degrees, if it was.
+    pub turned_degrees: Option<f64>,
     /// Its exposure relative to the picture without the ball, stops.
     pub ev: f64,
     /// The ball's circle in it, pixels.

@@ -5,6 +5,7 @@ use crate::ball;
 use crate::error::PhotoError;
 use crate::photograph::Photograph;
 use crate::tone::{self, ExposuresFrom, Tone};
+use crate::turn::turn;
 use crate::{ASSUMED_FIELD_OF_VIEW_DEGREES, BallPicture, PhotoOptions};
 use glam::{DVec2, IVec2};
 use penumbra_camera::PinholeCamera;
@@ -35,6 +36,8 @@ pub struct Photographs {
 pub(crate) struct Shifted {
     pub photograph: Arc<Photograph>,
     pub shift: IVec2,
+    /// By how much the camera was turned about its axis against the picture without the ball, degrees, if it was.
+    pub turned_degrees: Option<f64>,
     pub ev: f64,
 }
 
@@ -92,6 +95,7 @@ impl Photographs {
             },
             photograph: Arc::clone(&picture.photograph),
             shift: picture.shift,
+            turned_degrees: picture.turned_degrees,
             ev: picture.ev,
         };
         self.with_ball.iter().map(with).collect()
@@ -166,9 +170,11 @@ fn aligned(
             }
             _ => before,
         };
+        let turned = turn(&empty.picture, &photograph.picture, pixels);
         pictures.push(Shifted {
             photograph: Arc::new(photograph),
             shift: pixels,
+            turned_degrees: turned.map(f64::to_degrees),
             ev,
         });
     }

@@ -146,6 +146,29 @@ fn ground_is_that_of_a_rectangle_on_it() {
 }
 
 #[test]
+fn camera_that_was_turned_between_two_photographs_is_told() {
+    let desk = Desk::new();
+    let upright = image::open(photograph("ball1.jpg")).unwrap().to_rgb8();
+    let (sin, cos) = 1.5_f32.to_radians().sin_cos();
+    let middle = [upright.width() / 2, upright.height() / 2].map(|m| m as f32);
+    let turned = image::RgbImage::from_fn(upright.width(), upright.height(), |x, y| {
+        let (x, y) = (x as f32 - middle[0], y as f32 - middle[1]);
+        let from = [middle[0] + cos * x + sin * y, middle[1] - sin * x + cos * y];
+        let end = [upright.width() - 1, upright.height() - 1];
+        let [u, v] = [0, 1].map(|k| (from[k].round() as u32).min(end[k]));
+        *upright.get_pixel(u, v)
+    });
+    turned.save(desk.path("turned.png")).unwrap();
+    let work = |ball: &str| {
+        let empty = photograph("empty.jpg");
+        let options = "--ball-diameter 80mm --exposures 0,0 -o out.png --force";
+        desk.works(&format!("photo {empty} {ball} {options}"))
+    };
+    assert!(work("turned.png").contains("turned by 1."));
+    assert!(!work(&photograph("ball1.jpg")).contains("turned"));
+}
+
+#[test]
 fn photographs_that_cannot_be_used_are_refused_in_one_line() {
     let desk = Desk::new();
     let empty = photograph("empty.jpg");

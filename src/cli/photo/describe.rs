@@ -1,8 +1,8 @@
 //! What `penumbra photo` tells of photographs.
 
 use penumbra_photo::{
-    ASSUMED_FIELD_OF_VIEW_DEGREES, Analysis, ExposuresFrom, GroundFrom, Placement, RaisedLamp,
-    ShadowCheck,
+    ASSUMED_FIELD_OF_VIEW_DEGREES, Analysis, BallPicture, ExposuresFrom, GroundFrom, Placement,
+    RaisedLamp, ShadowCheck,
 };
 
 /// Ratio of the depths of two shadows that agree.
@@ -39,6 +39,15 @@ pub fn describe(analysis: &Analysis) -> Vec<String> {
     });
     lines.push(describe_ground(&analysis.placement));
     lines.push(describe_exposures(analysis));
+    let turned = |ball: &BallPicture| {
+        Some(format!(
+            "{}: the camera was turned by {:.1}° against the picture without the ball, so shadows are compared \
+             less well; put it on something that stands still",
+            ball.photograph.path.display(),
+            ball.turned_degrees?.abs()
+        ))
+    };
+    lines.extend(analysis.balls.iter().filter_map(turned));
     let clipped = analysis.clipped();
     if clipped > 0 {
         lines.push(describe_clipped(analysis, clipped));

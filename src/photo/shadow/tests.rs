@@ -124,6 +124,7 @@ fn photographs(tilt: f64, lamps: &[SeenLamp]) -> Analysis {
     let with = BallPicture {
         photograph,
         shift: IVec2::ZERO,
+        turned_degrees: None,
         ev: 0.0,
         circle: ball.circle,
     };
