@@ -10,7 +10,7 @@ use crate::error::RigError;
 use crate::feed::{Feed, JournaledFrame};
 use crate::frame::{Counts, PreparedFrame};
 use crate::held_frames::HeldFrames;
-use crate::journal::Journal;
+use crate::journal::{Journal, JournalEntry};
 use crate::latency_monitor::{LatencyMonitor, LatencyState};
 use crate::lens_refiner::{LensRefiner, lens_status};
 use crate::levels::levels;
@@ -480,7 +480,7 @@ impl Worker {
         let fits = mismatch.is_none();
         let tracked = self.setup.world_from_camera(&frame).filter(|_| fits);
         let (world_from_camera, sphere, mut registration) =
-            self.register(&picture, &frame, tracked, fits);
+            self.register(&picture, (&frame, entry), tracked, fits);
         let (setup, tracker) = (&self.setup, self.feed.tracker());
         let display = self.display.as_mut().and_then(|predictor| {
             predictor.predict(setup, tracker, &frame, world_from_camera, &registration)
@@ -587,7 +587,7 @@ impl Worker {
     fn register(
         &mut self,
         picture: &Picture,
-        frame: &RigFrame,
+        (frame, entry): (&RigFrame, JournalEntry),
         tracked: Option<RigidTransform>,
         fits: bool,
     ) -> (Option<RigidTransform>, SphereAt, RegistrationStatus) {
@@ -596,7 +596,7 @@ impl Worker {
             world_from_camera,
             noise: self.setup.tracker_noise(frame).unwrap_or(TRACKER_NOISE),
         });
-        let steadied = tracked.and_then(|pose| self.steady(picture, frame, pose, motion));
+        let steadied = tracked.and_then(|pose| self.steady(picture, (frame, entry), pose, motion));
         let tracked = tracked.map(|pose| TrackerPose {
             world_from_camera: steadied.map_or(pose.world_from_camera, |s| s.world_from_camera),
             ..pose
@@ -632,7 +632,7 @@ impl Worker {
     fn steady(
         &mut self,
         picture: &Picture,
-        frame: &RigFrame,
+        (frame, entry): (&RigFrame, JournalEntry),
         tracked: TrackerPose,
         motion: Option<RollingShutter>,
     ) -> Option<SteadiedPose> {
@@ -642,7 +642,8 @@ impl Worker {
             .as_ref()
             .map_or(calibrated, TagRegistration::camera);
         let steadying = self.steadying.as_mut()?;
-        Some(steadying.steady((picture, camera), frame.captured_at, tracked, motion))
+        let at = (frame.captured_at, entry == JournalEntry::Skipped);
+        Some(steadying.steady((picture, camera), at, tracked, motion))
     }
 
     /// Returns the status of a pose in which no markers had a part.

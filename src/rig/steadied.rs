@@ -34,11 +34,12 @@ impl PoseSteadying {
         self.steadying.restart();
     }
 
-    /// Steadies the pose of a picture taken at `at`. `motion`: that of the camera during the readout.
+    /// Steadies the pose of a picture taken at `at`. `motion`: that of the camera during the readout. With
+    /// `is_beside`, the live rig skipped the picture: those after it are steadied as if it weren't there.
     pub fn steady(
         &mut self,
         (picture, camera): (&Picture, &PinholeCamera),
-        at: MonotonicTime,
+        (at, is_beside): (MonotonicTime, bool),
         tracked: TrackerPose,
         motion: Option<RollingShutter>,
     ) -> SteadiedPose {
@@ -54,13 +55,17 @@ impl PoseSteadying {
                 normal: hit.normal,
             })
         };
-        self.steadying.steady(&SteadyingInput {
+        let input = SteadyingInput {
             at,
             camera,
             rgba: &picture.rgba,
             tracked,
             motion,
             surfaces: &surfaces,
-        })
+        };
+        if is_beside {
+            return self.steadying.clone().steady(&input);
+        }
+        self.steadying.steady(&input)
     }
 }
