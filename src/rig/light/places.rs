@@ -43,6 +43,7 @@ const MUCH: f32 = 1.2;
 /// Factor between the light of a source that is gone and that of a new one, below which they may be the same
 /// lamp.
 const SAME_LAMP: f32 = 1.5;
+
 /// Finds the places of lamps, and follows them.
 pub(crate) struct LampPlaces {
     sight: Sight,
