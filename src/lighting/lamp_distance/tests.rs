@@ -445,3 +445,29 @@ fn lamps_of_which_little_is_seen_are_found_with_their_energy() {
 }
 
 mod unseen;
+
+#[test]
+fn lamp_that_is_not_seen_stays_in_the_room_while_the_observer_moves() {
+    let (lamp, by) = (Vec3::new(0.2, 0.6, 0.9), Vec3::new(0.3, -0.1, 0.05));
+    let away = lamp.length();
+    let near = UnseenLamp {
+        direction: lamp / away,
+        distance: LampDistance {
+            inverse: away.recip(),
+            sigma: 0.1,
+        },
+        angular_radius: 0.03 / away,
+        irradiance: Vec3::splat(0.5 / (away * away)),
+    };
+    let moved = near.seen_from_elsewhere(by);
+    let there = (lamp - by).length();
+    let at = by + moved.direction / moved.distance.inverse;
+    assert!(at.distance(lamp) < 1e-5, "{at}");
+    assert!((moved.angular_radius * there - 0.03).abs() < 1e-5);
+    assert!((moved.irradiance.x * there * there - 0.5).abs() < 1e-5);
+    let far = UnseenLamp {
+        distance: LampDistance::FAR,
+        ..near
+    };
+    assert_eq!(far.seen_from_elsewhere(by), far);
+}

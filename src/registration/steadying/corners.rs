@@ -2,7 +2,7 @@
 //! features to track").
 
 use super::luminance::Luminance;
-use super::patch::{MIN_TEXTURE, RADIUS};
+use super::patch::{MIN_TEXTURE, RADIUS, eigenvalues};
 
 /// Columns of the grid.
 const COLUMNS: usize = 13;
@@ -99,10 +99,4 @@ fn block_moments(picture: &Luminance, [left, top]: [usize; 2]) -> [f32; 3] {
         }
     }
     sum
-}
-
-/// Eigenvalues of a symmetric matrix, the larger first.
-fn eigenvalues([xx, xy, yy]: [f32; 3]) -> [f32; 2] {
-    let (half, spread) = (0.5 * (xx + yy), (0.5 * (xx - yy)).hypot(xy));
-    [half + spread, half - spread]
 }

@@ -164,8 +164,14 @@ struct Comparison {
 fn eigen([xx, xy, yy]: [f32; 3]) -> [([f32; 2], f32); 2] {
     let angle = 0.5 * (2.0 * xy).atan2(xx - yy);
     let (sin, cos) = angle.sin_cos();
+    let [most, least] = eigenvalues([xx, xy, yy]);
+    [([cos, sin], most), ([-sin, cos], least)]
+}
+
+/// Eigenvalues of the symmetric matrix (xx, xy, yy), the larger first.
+pub(super) fn eigenvalues([xx, xy, yy]: [f32; 3]) -> [f32; 2] {
     let (half, spread) = (0.5 * (xx + yy), (0.5 * (xx - yy)).hypot(xy));
-    [([cos, sin], half + spread), ([-sin, cos], half - spread)]
+    [half + spread, half - spread]
 }
 
 /// Subtracts the mean; returns the square root of the sum of the squares.

@@ -86,7 +86,7 @@ impl LampViews {
         for (source, sighting) in &seen {
             self.add(source.id, *sighting, &mut moved);
         }
-        if let Some(pose) = scene.world_from_camera {
+        if let Some(pose) = scene.world_from_camera.filter(|_| !seen.is_empty()) {
             self.spots.find(scene, pose);
             for (id, sighting) in self.in_picture(&seen, pose, rays) {
                 self.add(id, sighting, &mut moved);
